@@ -11,7 +11,7 @@ use dermis::frame::Frame;
 use dermis::geom::Surface;
 use dermis::image::PixelSpace;
 use dermis::method::Method;
-use dermis::stats::{mean, quantile};
+use dermis::stats::{mean, quantile, sorted};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -273,10 +273,4 @@ fn sd_factor(found: &[Found], left_m: &[f64]) -> f64 {
 /// The diagonal of the bounding box of the skin.
 fn size_m(pixels: &PixelSpace) -> f64 {
     pixels.box_m().iter().map(|[low, high]| (high - low).powi(2)).sum::<f64>().sqrt()
-}
-
-fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values
 }

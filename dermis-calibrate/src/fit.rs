@@ -11,7 +11,7 @@ use crate::strength::{ForceLaw, Strength, amplitude_between, ratio_spread, relat
 use crate::units::Change;
 use dermis::geom::Point3;
 use dermis::geom::vector::distance;
-use dermis::stats::{mean, quantile};
+use dermis::stats::{mean, quantile, sorted};
 use faer::Mat;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -293,8 +293,6 @@ impl Validation {
 
     /// The misfit that 99 % of the labels do not exceed.
     pub(crate) fn usual_misfit(&self) -> f64 {
-        let mut misfits: Vec<f64> = self.located.iter().map(|located| located.misfit).collect();
-        misfits.sort_by(f64::total_cmp);
-        quantile(&misfits, 0.99)
+        quantile(&sorted(self.located.iter().map(|located| located.misfit)), 0.99)
     }
 }

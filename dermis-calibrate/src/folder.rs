@@ -56,7 +56,7 @@ struct DesignId {
 
 impl DesignId {
     fn of(design: &SkinDesign) -> Self {
-        let sha256 = design.sha256().iter().map(|byte| format!("{byte:02x}")).collect();
+        let sha256 = dermis::text::hexadecimal(&design.sha256());
         DesignId { name: design.name.clone(), sha256 }
     }
 

@@ -1,5 +1,6 @@
 //! Minimisation of a smooth function of a few variables.
 
+use dermis::linalg::dot;
 use rayon::prelude::*;
 
 /// Step of the difference quotients.
@@ -86,10 +87,6 @@ fn update(inverse: &mut [Vec<f64>], moved: &[f64], change: &[f64]) {
             inverse[i][j] += factor * moved[i] * moved[j] - (product[i] * moved[j] + moved[i] * product[j]) / curvature;
         }
     }
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 #[cfg(test)]

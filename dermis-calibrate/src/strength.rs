@@ -5,7 +5,7 @@ use crate::calibration::Label;
 use crate::correction::FEWEST_FOUND;
 use crate::units::Change;
 use dermis::detect::Forces;
-use dermis::stats::{coefficient_of_variation, mean, mean_and_sd, quantile, rms};
+use dermis::stats::{coefficient_of_variation, mean, mean_and_sd, quantile, rms, sorted};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -85,8 +85,7 @@ impl Strength {
             let logs: Vec<f64> = labels.iter().map(|label| law.amplitude(label.force_n).ln()).collect();
             return Some(Strength { log_sd: rms(logs), law: Some(law) });
         }
-        let mut logs: Vec<f64> = amplitudes.iter().map(|amplitude| amplitude.ln()).collect();
-        logs.sort_by(f64::total_cmp);
+        let logs = sorted(amplitudes.iter().map(|amplitude| amplitude.ln()));
         // Robust: the amplitude of a press that the map does not know yet is far off.
         let log_sd = SD_PER_QUARTILES * (quantile(&logs, 0.75) - quantile(&logs, 0.25));
         let varies = labels.len() >= FEWEST_AMPLITUDES && log_sd > LEAST_AMPLITUDE_LOG_SD;
@@ -195,9 +194,7 @@ pub(crate) fn ratio_spread(log_ratios: &[f64]) -> f64 {
 
 /// The relative error that 68 % of the forces do not exceed: the standard deviation of normal ones.
 pub(crate) fn relative_deviation(log_ratios: &[f64]) -> f64 {
-    let mut errors: Vec<f64> = log_ratios.iter().map(|log| (log.exp() - 1.0).abs()).collect();
-    errors.sort_by(f64::total_cmp);
-    quantile(&errors, WITHIN_ONE_SD)
+    quantile(&sorted(log_ratios.iter().map(|log| (log.exp() - 1.0).abs())), WITHIN_ONE_SD)
 }
 
 /// Where a parabola through values at -1, 0 and 1 has its vertex, if that of 0 is the largest.

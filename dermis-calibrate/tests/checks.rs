@@ -2,10 +2,11 @@
 
 mod recordings;
 
+use dermis::finding::{Finding, FindingKind};
 use dermis::frame::{Frame, Truth, read_frames, read_truth};
 use dermis::geom::{PlaceLimits, Point3, Surface};
 use dermis::skin::Skin;
-use dermis_calibrate::checks::{Finding, FindingKind, Recording, check_recording, realigned};
+use dermis_calibrate::checks::{Recording, check_recording, realigned};
 use dermis_calibrate::{Calibration, Label, LabelFrame};
 use recordings::{CYLINDER, DISK12, STRIP, Sound, press_positions, simulated};
 

@@ -6,9 +6,10 @@
 
 mod recordings;
 
+use dermis::finding::FindingKind;
 use dermis::frame::{Frame, read_frames};
 use dermis::skin::Skin;
-use dermis_calibrate::checks::{Checked, FindingKind, realigned};
+use dermis_calibrate::checks::{Checked, realigned};
 use dermis_sim::experiment::{PaperExperiment, Recording, Sizes};
 use dermis_sim::random::{log_uniform, sample_rng};
 use dermis_sim::twin::TwinOptions;
@@ -267,16 +268,14 @@ fn fifty_corrupted_recordings() {
         let checked = sound.check();
         let is_right = is_right(&sound, &checked, &expected);
         right += usize::from(is_right);
-        count(sound.name, expected.kind.name().into(), is_right);
+        count(sound.name, expected.kind.to_string(), is_right);
         if !is_right {
             let found = judged(&checked, sound.first);
             println!("{number} {}: {} rows, {}", sound.name, sound.frames.len(), expected.what);
             let channels: Vec<usize> = expected.channels.keys().copied().collect();
-            println!("   expected {} {channels:?}", expected.kind.name());
-            found.iter().for_each(|(kind, lag, channels)| println!("   found {} {lag} {channels:?}", kind.name()));
-            checked
-                .faults()
-                .for_each(|fault| println!("   {} {:.3} {}", fault.kind.name(), fault.value, fault.evidence));
+            println!("   expected {} {channels:?}", expected.kind);
+            found.iter().for_each(|(kind, lag, channels)| println!("   found {} {lag} {channels:?}", kind));
+            checked.faults().for_each(|fault| println!("   {} {:.3} {}", fault.kind, fault.value, fault.evidence));
         }
     }
     println!("| recording | kind | right | of |\n|---|---|---|---|");

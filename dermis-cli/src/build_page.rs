@@ -1,75 +1,28 @@
-//! The findings on a built skin as a table and as a page with pictures.
+//! The findings on a built skin as a page with pictures.
 
 use crate::failure::{Failure, Outcome};
-use crate::findings::FindingText;
 use dermis::image::PixelSpace;
 use dermis::skin::Skin;
-use dermis::text::{counted, number_of};
-use dermis_calibrate::build::{BuildCheck, BuildFinding, Fault};
-use dermis_calibrate::checks::Severity;
+use dermis::text::counted;
+use dermis_calibrate::build::{BuildCheck, Fault};
+use dermis_plot::report::{Report, Table};
 use dermis_plot::{Drawing, Key, Picture, Scale, View};
-use dermis_study::report::{Report, Table};
 
 /// Parts of the cells that are below and above the range of the colours of the coat.
 const QUANTILES: [f64; 2] = [0.005, 0.995];
 /// The colour of a contact reaches this far, in distances to the next electrode.
 const CONTACT_SHARE: f64 = 0.25;
 
-/// A finding in words.
-pub fn in_words(finding: &BuildFinding) -> FindingText<'_> {
-    FindingText {
-        title: format!("{}{}", finding.kind, place(finding)),
-        severity: finding.severity,
-        evidence: &finding.evidence,
-        fix: &finding.fix,
-    }
-}
-
-/// The electrodes, drive and place of a finding, in words, after a comma; empty without any.
-fn place(finding: &BuildFinding) -> String {
-    let mut words = String::new();
-    if let Some(drive) = finding.drive {
-        words += &format!(", drive {drive}");
-    }
-    if !finding.electrodes.is_empty() {
-        let numbers: Vec<String> = finding.electrodes.iter().map(usize::to_string).collect();
-        words += &format!(", {} {}", number_of(numbers.len(), "electrode"), numbers.join(", "));
-    }
-    if let Some([x, y, z]) = finding.place_m {
-        words += &format!(", at ({:.0}, {:.0}, {:.0}) mm", 1e3 * x, 1e3 * y, 1e3 * z);
-    }
-    words
-}
-
-/// A row for each finding.
-pub fn findings_table(check: &BuildCheck) -> Table {
-    let mut table = Table::with_remarks(&["finding", "severity", "value", "evidence and fix"]);
-    for finding in &check.findings {
-        let severity = if finding.severity == Severity::Fault { "fault" } else { "note" };
-        table.push(vec![
-            format!("{}{}", finding.kind, place(finding)),
-            severity.into(),
-            format!("{:.3}", finding.value),
-            format!("{}. Fix: {}", finding.evidence, finding.fix),
-        ]);
-    }
-    table
-}
-
 /// The page of a checked skin.
 pub fn page(skin: &Skin, check: &BuildCheck, source: &str) -> Outcome<Report> {
     let name = &skin.design().name;
-    let faults = check.problems().count();
+    let faults = check.findings.iter().filter(|finding| finding.is_fault()).count();
     let lead = match faults {
         0 => format!("{name} is sound: it is what the design says, within workmanship."),
         _ => format!("{name} is not as designed: {}.", counted(faults, "fault")),
     };
     let mut report = Report::new(&format!("Check of the built skin {name}"), &lead);
-    report.heading("Findings");
-    match check.findings.is_empty() {
-        true => report.paragraph("No findings."),
-        false => report.table(&findings_table(check)),
-    }
+    report.findings(&check.findings);
     report.heading("Measured");
     report.table(&figures(check));
     if !check.conductance.is_empty() {
@@ -84,14 +37,13 @@ pub fn page(skin: &Skin, check: &BuildCheck, source: &str) -> Outcome<Report> {
 
 fn figures(check: &BuildCheck) -> Table {
     let mut table = Table::new(&["figure", "value"]);
-    let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
-    row("resistances over those of the design", format!("{:.3}", check.resistance_factor));
-    row("unevenness of the coat (rms)", format!("{:.1} %", 100.0 * check.unevenness));
-    row("left of the frame, over noise and workmanship", format!("{:.2}", check.misfit));
-    row("the same without faults", format!("{:.2}", check.sound_misfit));
-    row("noise without a driven electrode, ohm", format!("{:.4}", check.noise_ohm[0]));
-    row("noise at driven electrodes, ohm", format!("{:.4}", check.noise_ohm[1]));
-    row("frames", check.frames.to_string());
+    table.pair("resistances over those of the design", format!("{:.3}", check.resistance_factor));
+    table.pair("unevenness of the coat (rms)", format!("{:.1} %", 100.0 * check.unevenness));
+    table.pair("left of the frame, over noise and workmanship", format!("{:.2}", check.misfit));
+    table.pair("the same without faults", format!("{:.2}", check.sound_misfit));
+    table.pair("noise without a driven electrode, ohm", format!("{:.4}", check.noise_ohm[0]));
+    table.pair("noise at driven electrodes, ohm", format!("{:.4}", check.noise_ohm[1]));
+    table.pair("frames", check.frames);
     table
 }
 
@@ -176,14 +128,11 @@ fn contact_table(check: &BuildCheck) -> Table {
 
 fn sign_off(skin: &Skin, check: &BuildCheck, source: &str, sound: bool) -> Table {
     let mut table = Table::new(&["entry", "value"]);
-    let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
-    row("result", if sound { "sound".into() } else { "not as designed".into() });
-    row("design", skin.design().name.clone());
-    row("SHA-256 of its protocol", skin.design().protocol.sha256());
-    row("source", source.to_string());
-    row("frames", check.frames.to_string());
-    row("checked by", String::new());
-    row("date", String::new());
-    row("signature", String::new());
+    table.pair("result", if sound { "sound" } else { "not as designed" });
+    table.pair("design", &skin.design().name);
+    table.pair("SHA-256 of its protocol", skin.design().protocol.sha256());
+    table.pair("source", source);
+    table.pair("frames", check.frames);
+    ["checked by", "date", "signature"].into_iter().for_each(|entry| table.pair(entry, ""));
     table
 }

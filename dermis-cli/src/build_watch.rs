@@ -1,11 +1,9 @@
 //! The check of a built skin while it is read: its findings as notices, for `dermis live --check-build`.
 
-use crate::build_page::in_words;
+use dermis::finding::{Finding, Severity};
 use dermis::frame::Frame;
-use dermis::pipeline::Severity as Level;
 use dermis_calibrate::CalibrateError;
 use dermis_calibrate::build::{BuildCheck, BuildChecker};
-use dermis_calibrate::checks::Severity;
 use dermis_live::{Event, LiveHandle, Mailbox, Popped};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -26,7 +24,7 @@ pub fn check_first_frames(shared: &Arc<LiveHandle>) {
         }
         match BuildChecker::new(shared.skin()).and_then(|checker| checker.check(&frames)) {
             Ok(check) => notices(&check).into_iter().for_each(|(level, text)| shared.notice(level, text)),
-            Err(error) => shared.notice(Level::Warning, not_checked(&error)),
+            Err(error) => shared.notice(Severity::Warning, not_checked(&error)),
         }
     });
 }
@@ -61,19 +59,17 @@ fn not_checked(error: &CalibrateError) -> String {
 }
 
 /// The findings, or that there are none.
-fn notices(check: &BuildCheck) -> Vec<(Level, String)> {
+fn notices(check: &BuildCheck) -> Vec<(Severity, String)> {
     if check.findings.is_empty() {
         let text = format!(
             "the skin is as designed: its resistances are {:.2} times the design's, its coat is uneven by {:.0} %",
             check.resistance_factor,
             100.0 * check.unevenness
         );
-        return vec![(Level::Info, text)];
+        return vec![(Severity::Info, text)];
     }
-    let notice = |finding| {
-        let words = in_words(finding);
-        let level = if words.severity == Severity::Fault { Level::Warning } else { Level::Info };
-        (level, format!("{}: {}. Fix: {}", words.title, words.evidence, words.fix))
+    let notice = |finding: &Finding| {
+        (finding.severity, format!("{}: {}. Fix: {}", finding.title(), finding.evidence, finding.fix))
     };
     check.findings.iter().map(notice).collect()
 }

@@ -11,10 +11,11 @@ use dermis::geom::Point3;
 use dermis::geom::vector::distance;
 use dermis::skin::Skin;
 use dermis::stats::Summary;
-use dermis::text::counted;
+use dermis::text::{counted, ranges};
 use dermis_calibrate::{Calibration, Label, LabelFrame, Located, Pose};
 use dermis_sim::evaluate::ForceErrors;
 use serde::Serialize;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Measured presses, one per frame.
@@ -75,21 +76,10 @@ impl Presses {
 
 /// The channels that are late, by the number of rows.
 pub fn late_channels(lags: &[i32]) -> String {
-    let mut ranges: Vec<(usize, usize, i32)> = Vec::new();
-    for (channel, &lag) in lags.iter().enumerate().filter(|(_, lag)| **lag != 0) {
-        match ranges.last_mut() {
-            Some((_, last, same)) if *last + 1 == channel && *same == lag => *last = channel,
-            _ => ranges.push((channel, channel, lag)),
-        }
-    }
-    if ranges.is_empty() {
-        return "none".into();
-    }
-    let one = |&(first, last, lag): &(usize, usize, i32)| match first == last {
-        true => format!("{first} by {lag}"),
-        false => format!("{first}-{last} by {lag}"),
-    };
-    ranges.iter().map(one).collect::<Vec<_>>().join(", ")
+    let late: BTreeSet<i32> = lags.iter().copied().filter(|lag| *lag != 0).collect();
+    let channels = |lag: i32| (0..lags.len()).filter(|&channel| lags[channel] == lag).collect::<Vec<_>>();
+    let texts: Vec<String> = late.iter().map(|&lag| format!("{} by {lag}", ranges(&channels(lag)))).collect();
+    if texts.is_empty() { "none".into() } else { texts.join("; ") }
 }
 
 /// The score of a calibration.
@@ -143,14 +133,13 @@ impl CalibratedEvaluation {
         if json {
             return print_json(&self.score);
         }
-        let Summary { mean, sd, median, p95, .. } = self.score.localisation_m;
-        let [mean, sd, median, p95] = [mean, sd, median, p95].map(|value_m| 1e3 * value_m);
         print(&format!(
-            "{}: calibration in {}\n  presses             {}\n  localisation        {mean:.2} +- {sd:.2} mm, median {median:.2} mm, 95 % within \
-             {p95:.2} mm\n  95 % regions        {:.1} % contain the true position\n  unlike the labels   {}\n{}",
+            "{}: calibration in {}\n  presses             {}\n  localisation        {}\n  95 % regions        {:.1} % contain \
+             the true position\n  unlike the labels   {}\n{}",
             skin.design().name,
             folder.display(),
             self.score.presses,
+            millimetres(&self.score.localisation_m),
             100.0 * self.score.covered,
             counted(self.score.unlike, "frame"),
             self.score.force.map_or(String::new(), force_line),
@@ -168,6 +157,15 @@ fn force_ratios(presses: &[EvaluatedPress]) -> Vec<f64> {
 pub fn force_line(force: ForceErrors) -> String {
     let ForceErrors { error, spread } = force;
     format!("  force               {:.0} % mean error; estimate over truth spreads by {spread:.2}\n", 1e2 * error)
+}
+
+/// A summary of distances in mm.
+pub fn millimetres(summary: &Summary) -> String {
+    if summary.mean.is_nan() {
+        return "no value".into();
+    }
+    let [mean, sd, median, p95] = [summary.mean, summary.sd, summary.median, summary.p95].map(|value_m| 1e3 * value_m);
+    format!("{mean:.2} +- {sd:.2} mm, median {median:.2} mm, 95 % within {p95:.2} mm")
 }
 
 /// Refuses presses in another frame of reference than the labels.

@@ -1,57 +1,11 @@
-//! The findings of a checked recording as a table and as a page with pictures.
+//! The findings of a checked recording as a page with pictures.
 
 use dermis::skin::Skin;
-use dermis::text::{counted, number_of};
-use dermis_calibrate::checks::{Checked, Figures, Finding, Severity};
+use dermis::text::counted;
+use dermis_calibrate::checks::{Checked, Figures};
 use dermis_plot::chart::{Curves, HeatMap};
+use dermis_plot::report::Report;
 use dermis_plot::{Picture, Scale};
-use dermis_study::report::{Report, Table};
-
-/// The channels and rows of a finding, in words.
-pub fn place(finding: &Finding) -> String {
-    let channels = numbers("channel", &finding.channels);
-    let rows = numbers("row", &finding.rows);
-    match (channels, rows) {
-        (None, None) => "all channels".into(),
-        (Some(one), None) | (None, Some(one)) => one,
-        (Some(channels), Some(rows)) => format!("{channels}; {rows}"),
-    }
-}
-
-/// Numbers as ranges, at most eight of them; `None` without a number.
-fn numbers(what: &str, numbers: &[usize]) -> Option<String> {
-    const MOST: usize = 8;
-    let mut ranges: Vec<[usize; 2]> = Vec::new();
-    for &number in numbers {
-        match ranges.last_mut() {
-            Some([_, last]) if *last + 1 == number => *last = number,
-            _ => ranges.push([number, number]),
-        }
-    }
-    let text = |&[first, last]: &[usize; 2]| if first == last { first.to_string() } else { format!("{first}-{last}") };
-    let mut parts: Vec<String> = ranges.iter().take(MOST).map(text).collect();
-    if ranges.len() > MOST {
-        parts.push(format!("... ({} in all)", numbers.len()));
-    }
-    (!numbers.is_empty()).then(|| format!("{} {}", number_of(numbers.len(), what), parts.join(", ")))
-}
-
-/// A row for each finding.
-pub fn findings_table(checked: &Checked) -> Table {
-    let mut table = Table::with_remarks(&["finding", "severity", "lag", "value", "evidence and fix"]);
-    for finding in &checked.findings {
-        let severity = if finding.severity == Severity::Fault { "fault" } else { "note" };
-        let lag = if finding.lag == 0 { String::new() } else { finding.lag.to_string() };
-        table.push(vec![
-            format!("{}, {}", finding.kind.name(), place(finding)),
-            severity.into(),
-            lag,
-            format!("{:.3}", finding.value),
-            format!("{}. Fix: {}", finding.evidence, finding.fix),
-        ]);
-    }
-    table
-}
 
 /// The page of a checked recording.
 pub fn page(skin: &Skin, frames: usize, checked: &Checked) -> Report {
@@ -61,11 +15,7 @@ pub fn page(skin: &Skin, frames: usize, checked: &Checked) -> Report {
         checked.lags.len()
     );
     let mut report = Report::new(&format!("Check of a recording of {}", skin.design().name), &lead);
-    report.heading("Findings");
-    match checked.findings.is_empty() {
-        true => report.paragraph("No findings."),
-        false => report.table(&findings_table(checked)),
-    }
+    report.findings(&checked.findings);
     let figures = &checked.figures;
     let pictures: Vec<(Picture, String)> =
         [untouched(figures), lags(figures), shifts(figures), trend(figures)].into_iter().flatten().collect();
@@ -184,18 +134,4 @@ fn correlations(figures: &Figures) -> Vec<(Picture, String)> {
         (map("Measured", &figures.correlation), "Over the rows, with late channels moved to their rows.".into()),
         (map("Model", &figures.model_correlation), "Over simulated single touches.".into()),
     ]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_are_written_as_ranges() {
-        assert_eq!(numbers("channel", &[0, 1, 2, 7]), Some("channels 0-2, 7".into()));
-        assert_eq!(numbers("row", &[4]), Some("row 4".into()));
-        assert_eq!(numbers("row", &[]), None);
-        let odd: Vec<usize> = (0..40).filter(|number| number % 2 == 1).collect();
-        assert!(numbers("row", &odd).unwrap().ends_with("15, ... (20 in all)"));
-    }
 }

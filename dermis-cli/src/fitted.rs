@@ -9,7 +9,7 @@ use dermis::skin::Skin;
 use dermis_calibrate::{
     CalibrateError, Calibration, Correction, CorrectionQuality, Fitted, Label, LabelFrame, Quality,
 };
-use dermis_study::report::Table;
+use dermis_plot::report::Table;
 use serde_json::json;
 
 /// Fits a calibration; without a method whichever is better. Shows that the program works.
@@ -63,7 +63,7 @@ pub fn summary(fitted: &Fitted, labels: &[Label]) -> Table {
         Fitted::Correction(correction) => correction_summary(correction),
     };
     if let Some(reason) = unused_forces(fitted, labels) {
-        table.row(["forces".to_string(), format!("not used: {reason}")]);
+        table.pair("forces", format!("not used: {reason}"));
     }
     table
 }
@@ -77,35 +77,33 @@ fn correction_summary(correction: &Correction) -> Table {
     let CorrectionQuality { labels, found, mean_error_before_m, mean_error_m, force_error, force_spread } =
         *correction.quality();
     let mut table = Table::new(&["figure", "value"]);
-    let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
-    row("corrected method", correction.method().to_string());
-    row("labelled presses", format!("{labels}, of which it finds {found}"));
-    row("mean error before", format!("{:.2} mm", 1e3 * mean_error_before_m));
-    row("mean error, cross-validated", format!("{:.2} mm", 1e3 * mean_error_m));
-    force_row(&mut row, force_error, force_spread);
+    table.pair("corrected method", correction.method());
+    table.pair("labelled presses", format!("{labels}, of which it finds {found}"));
+    table.pair("mean error before", format!("{:.2} mm", 1e3 * mean_error_before_m));
+    table.pair("mean error, cross-validated", format!("{:.2} mm", 1e3 * mean_error_m));
+    force_row(&mut table, force_error, force_spread);
     table
 }
 
 /// The error of forces, where they are known.
-fn force_row(row: &mut impl FnMut(&str, String), error: Option<f64>, spread: Option<f64>) {
+fn force_row(table: &mut Table, error: Option<f64>, spread: Option<f64>) {
     if let (Some(error), Some(spread)) = (error, spread) {
-        row("error of the force, cross-validated", format!("{:.0} %, spread {spread:.2}", 1e2 * error));
+        table.pair("error of the force, cross-validated", format!("{:.0} %, spread {spread:.2}", 1e2 * error));
     }
 }
 
 fn map_summary(calibration: &Calibration) -> Table {
     let Quality { labels, unlabelled, mean_error_m, force_error, force_spread } = *calibration.quality();
     let mut table = Table::new(&["figure", "value"]);
-    let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
-    row("labelled presses", labels.to_string());
-    row("unlabelled presses used", unlabelled.to_string());
-    row("mean error, cross-validated", format!("{:.2} mm", 1e3 * mean_error_m));
-    force_row(&mut row, force_error, force_spread);
-    row("channels that are rows late", late_channels(calibration.lags()));
+    table.pair("labelled presses", labels);
+    table.pair("unlabelled presses used", unlabelled);
+    table.pair("mean error, cross-validated", format!("{:.2} mm", 1e3 * mean_error_m));
+    force_row(&mut table, force_error, force_spread);
+    table.pair("channels that are rows late", late_channels(calibration.lags()));
     if let Some(pose) = calibration.pose() {
         let [x, y, _] = pose.centre_m.map(|value| 1e3 * value);
         let seen = if pose.mirrored { ", mirrored" } else { "" };
-        row(
+        table.pair(
             "pose of the skin",
             format!("x {x:.1} mm, y {y:.1} mm, {:.0} degrees{seen}", pose.rotation_rad.to_degrees()),
         );

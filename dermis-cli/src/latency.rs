@@ -8,7 +8,7 @@ use dermis::stats::nearest_quantiles;
 use dermis::text::counted;
 use dermis_live::{LiveFrame, LiveHandle};
 use dermis_plot::chart::Histogram;
-use dermis_study::report::Table;
+use dermis_plot::report::Table;
 use serde_json::json;
 use std::path::Path;
 use std::sync::Arc;
@@ -107,19 +107,18 @@ impl Latencies {
             }));
         }
         let mut table = Table::new(&["quantity", "value"]);
-        let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
-        row("frames", format!("{} in {seconds:.1} s", self.frames));
-        row("of them with contacts", self.touched_frames.to_string());
-        row("lost in transfer", lost.to_string());
-        row("dropped before the pipeline", skipped.to_string());
+        table.pair("frames", format!("{} in {seconds:.1} s", self.frames));
+        table.pair("of them with contacts", self.touched_frames);
+        table.pair("lost in transfer", lost);
+        table.pair("dropped before the pipeline", skipped);
         for (sink, count) in dropped {
-            row(&format!("dropped by {sink}"), count.to_string());
+            table.pair(&format!("dropped by {sink}"), count);
         }
-        row("repeated; reordered", format!("{repeated}; {reordered}"));
-        row("damaged packets", damaged.to_string());
-        row("from last byte to contacts, median", format!("{median:.3} ms"));
-        row("the same, 99 % within", format!("{p99:.3} ms"));
-        row("the same, longest", format!("{worst:.3} ms"));
+        table.pair("repeated; reordered", format!("{repeated}; {reordered}"));
+        table.pair("damaged packets", damaged);
+        table.pair("from last byte to contacts, median", format!("{median:.3} ms"));
+        table.pair("the same, 99 % within", format!("{p99:.3} ms"));
+        table.pair("the same, longest", format!("{worst:.3} ms"));
         // Standard output may carry lines of JSON, and its writer may hold the lock while a reader does not read.
         eprintln!("\n{}", table.to_text());
         Ok(())

@@ -14,7 +14,6 @@ mod command;
 mod console;
 mod emulated;
 mod failure;
-mod findings;
 mod fitted;
 mod frames;
 mod guided;

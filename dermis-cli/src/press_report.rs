@@ -7,7 +7,7 @@ use dermis::contact::Contact;
 use dermis::frame::write_whole;
 use dermis::geom::{Point3, Surface};
 use dermis::skin::Skin;
-use dermis::stats::Summary;
+use dermis::stats::{Summary, sorted};
 use dermis::text::counted;
 use dermis_calibrate::Pose;
 use dermis_plot::chart::Cumulative;
@@ -121,8 +121,7 @@ impl PressReport<'_> {
     /// The presses on the skin, and the cumulative distribution of the error.
     fn picture(&self) -> Outcome<Picture> {
         let design = self.skin.design();
-        let mut errors_mm: Vec<f64> = self.estimates().map(|estimate| 1e3 * estimate.error_m).collect();
-        errors_mm.sort_by(f64::total_cmp);
+        let errors_mm = sorted(self.estimates().map(|estimate| 1e3 * estimate.error_m));
         let Summary { mean, median, p95, .. } = Summary::of(&errors_mm);
         let (total, missed) = (self.presses.len(), self.presses.len() - errors_mm.len());
         let presses: Vec<PressError> = self.presses.iter().map(|press| self.on_skin(press)).collect();

@@ -82,7 +82,7 @@ fn an_order_and_a_unit_are_named_and_calibrate_warns() {
     at.write("turned.toml", DISK.replace("pattern = ", "measures_reversed = true\npattern = "));
     let input = INPUT.replace("disk.toml", "turned.toml");
     let text = at.good(&format!("check-frames {input}"));
-    assert!(text.contains("sign_turned, all channels") && text.contains("measures_reversed = false"), "{text}");
+    assert!(text.contains("\nsign_turned\n") && text.contains("measures_reversed = false"), "{text}");
     let output = at.run(&format!("calibrate {input} --truth touches.csv -o calibrated"));
     let warning = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success() && warning.contains("measures_reversed = false"), "{warning}");

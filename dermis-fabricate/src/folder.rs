@@ -1,8 +1,9 @@
 //! The folder of outputs: all files and their manifest, or nothing.
 
 use crate::error::FabricateError;
+use dermis::files::{NewFolder, sha256};
+use dermis::text::hexadecimal;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 use std::path::Path;
 
 /// Name of the file that lists the others.
@@ -61,7 +62,7 @@ impl Manifest {
             path: file.path.clone(),
             purpose: file.purpose.clone(),
             bytes: file.bytes.len() as u64,
-            sha256: hexadecimal(&Sha256::digest(&file.bytes)),
+            sha256: hexadecimal(&sha256(&file.bytes)),
         };
         Manifest {
             design: design.name.clone(),
@@ -71,10 +72,6 @@ impl Manifest {
             files: files.iter().map(entry).collect(),
         }
     }
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Writes files and their manifest into a new folder. They are written beside it and renamed, so that the folder is
@@ -92,24 +89,13 @@ pub fn write_folder(
 ) -> Result<(), FabricateError> {
     check_free(folder, replace)?;
     let io = |source| FabricateError::Io { path: folder.to_path_buf(), source };
-    let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".dermis-");
-    // Temporary folders are private by default; the result gets the permissions of any other new folder.
-    #[cfg(unix)]
-    let builder = builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777));
-    let beside = builder.tempdir_in(parent).map_err(io)?;
-    let new = beside.path().join("new");
+    let new = NewFolder::beside(folder).map_err(io)?;
     for file in files {
-        write(&new.join(&file.path), &file.bytes).map_err(io)?;
+        write(&new.path().join(&file.path), &file.bytes).map_err(io)?;
     }
     let text = serde_json::to_string_pretty(manifest).expect("text and numbers are JSON") + "\n";
-    write(&new.join(MANIFEST), text.as_bytes()).map_err(io)?;
-    if folder.exists() {
-        // The old folder is removed with the temporary one.
-        std::fs::rename(folder, beside.path().join("old")).map_err(io)?;
-    }
-    std::fs::rename(&new, folder).map_err(io)
+    write(&new.path().join(MANIFEST), text.as_bytes()).map_err(io)?;
+    new.finish().map_err(io)
 }
 
 /// Refuses a folder that exists, unless it may be replaced.

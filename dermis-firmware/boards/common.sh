@@ -14,6 +14,10 @@ built=${CARGO_TARGET_DIR:-$PWD/target}/boards
 an386=$built/thumbv7em-none-eabihf/release/dermis-board-mps2-an386
 pico=$built/thumbv6m-none-eabi/release/dermis-board-pico
 
+# The tables of the skin, in its own file, which the boards and the Pico's emulator read.
+mkdir -p skins
+"$dermis" scan-table cylinder30 --firmware --twin reader.toml -o skins/cylinder30.rs
+
 build() {
   (cd "$1" && CARGO_TARGET_DIR=$built cargo build --quiet --locked --release)
 }

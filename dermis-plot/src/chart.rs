@@ -20,6 +20,7 @@ use crate::colour::{Colour, FAINT, INK, Scale};
 use crate::frame::{self, Axis};
 use crate::scene::{Key, Mark};
 use crate::svg::{Anchor, Picture, Place, Style, Text, text_width};
+use dermis::stats::sorted;
 
 const WIDTH: f64 = 470.0;
 const HEIGHT: f64 = 230.0;
@@ -76,15 +77,10 @@ impl Histogram<'_> {
     }
 
     fn step_count(&self) -> usize {
-        (largest_shown(&sorted(self.values), &self.marks) / self.step) as usize + 1
+        (largest_shown(&sorted(self.values.iter().copied().filter(|value| value.is_finite())), &self.marks) / self.step)
+            as usize
+            + 1
     }
-}
-
-/// The finite values in ascending order.
-fn sorted(values: &[f64]) -> Vec<f64> {
-    let mut sorted: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
-    sorted.sort_by(f64::total_cmp);
-    sorted
 }
 
 /// The larger of the 99.5th percentile of ascending values and a number somewhat beyond the last mark.
@@ -138,7 +134,7 @@ impl Cumulative<'_> {
     pub fn draw(&self) -> Picture {
         const TALL: f64 = 0.8 * WIDTH;
         const HIGHEST: f64 = 1.04;
-        let values = sorted(self.values);
+        let values = sorted(self.values.iter().copied().filter(|value| value.is_finite()));
         let largest = largest_shown(&values, &self.marks);
         let across = [0.0, if largest > 0.0 { largest } else { 1.0 }];
         let head = frame::title_height(self.title, self.subtitle);

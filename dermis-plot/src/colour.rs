@@ -1,5 +1,7 @@
 //! Colours and colour maps. Both maps are readable with any kind of colour vision.
 
+use dermis::stats::sorted;
+
 /// An opaque colour: red, green, blue.
 pub type Colour = [u8; 3];
 
@@ -83,8 +85,7 @@ impl Scale {
 
     /// Between two quantiles of some numbers, given as fractions; numbers beyond have the colours of the ends.
     pub fn between_quantiles(values: impl IntoIterator<Item = f64>, parts: [f64; 2]) -> Self {
-        let mut sorted: Vec<f64> = values.into_iter().filter(|value| value.is_finite()).collect();
-        sorted.sort_by(f64::total_cmp);
+        let sorted = sorted(values.into_iter().filter(|value| value.is_finite()));
         let last = sorted.len().saturating_sub(1) as f64;
         Self::sequential(parts.iter().filter_map(|part| sorted.get((part * last).round() as usize)).copied())
     }

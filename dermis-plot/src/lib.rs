@@ -31,6 +31,7 @@ mod errors;
 mod field;
 mod frame;
 mod projection;
+pub mod report;
 mod scene;
 mod solid;
 mod svg;
@@ -42,7 +43,7 @@ pub use drawing::Drawing;
 pub use error::PlotError;
 pub use errors::PressError;
 pub use scene::{Key, Scene};
-pub use svg::{Picture, escape};
+pub use svg::Picture;
 
 use dermis::design::{Body, SkinDesign};
 

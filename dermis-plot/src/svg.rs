@@ -3,6 +3,7 @@
 #[cfg(feature = "png")]
 use crate::PlotError;
 use crate::colour::{Colour, INK, WHITE};
+use dermis::text::{decimal, escaped};
 #[cfg(feature = "png")]
 use resvg::{tiny_skia, usvg};
 use std::fmt::Write as _;
@@ -198,7 +199,7 @@ impl Picture {
             "<text x=\"{x}\" y=\"{y}\" font-size=\"{}\" fill=\"{}\" text-anchor=\"{anchor}\"{rim}{turn}>{}</text>",
             number(how.size),
             hex(how.colour),
-            escape(text)
+            escaped(text)
         );
     }
 
@@ -252,18 +253,11 @@ fn path(places: &[Place]) -> String {
 
 /// A number rounded to a tenth of a pixel, without trailing zeros.
 fn number(value: f64) -> String {
-    let text = format!("{value:.1}");
-    let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" { "0".to_string() } else { text.to_string() }
+    decimal(value, 1)
 }
 
 fn hex([r, g, b]: Colour) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
-}
-
-/// Escapes a text for XML and HTML.
-pub fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]

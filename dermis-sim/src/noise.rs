@@ -21,7 +21,6 @@ use crate::random::standard_normal;
 use crate::touch::TouchError;
 use dermis::frame::Frame;
 use dermis::protocol::Protocol;
-use dermis::stats::rms;
 use rand_chacha::ChaCha8Rng;
 
 /// White noise of the readings of a frame.
@@ -47,7 +46,10 @@ impl Noise {
         protocol: &Protocol,
         reference_ohm: f64,
     ) -> Result<Self, TouchError> {
-        let signal_ohm = undriven_rms(protocol, untouched).ok_or(TouchError::NoUndrivenValue)?;
+        let signal_ohm = protocol.undriven_rms(untouched);
+        if signal_ohm.is_nan() {
+            return Err(TouchError::NoUndrivenValue);
+        }
         if !snr_db.is_finite() {
             return Err(TouchError::NotPositive { what: "the signal-to-noise ratio in dB", value: snr_db });
         }
@@ -74,12 +76,6 @@ impl Noise {
         let mut draw = |count: usize| (0..count).map(|_| self.sd_ohm * standard_normal(rng)).collect();
         NoisyReadings { references_ohm: draw(drive_count), values_ohm: draw(value_count) }
     }
-}
-
-/// Root mean square of the values that share no electrode with their drive; `None` if there are none.
-pub(crate) fn undriven_rms(protocol: &Protocol, values: &[f64]) -> Option<f64> {
-    let undriven = values.iter().zip(protocol.channels()).filter(|(_, channel)| !channel.touches_driven());
-    Some(rms(undriven.map(|(value, _)| *value))).filter(|rms| !rms.is_nan())
 }
 
 /// The noise of each reading of a frame, as an equivalent resistance at the drive current, ohm.
@@ -116,9 +112,7 @@ mod tests {
             sum += (&noisy - &clean).iter().map(|n| n * n).sum::<f64>();
             count += clean.len();
         }
-        let undriven: Vec<f64> =
-            clean.iter().zip(protocol.channels()).filter(|(_, c)| !c.touches_driven()).map(|(v, _)| *v).collect();
-        let rms = (undriven.iter().map(|v| v * v).sum::<f64>() / undriven.len() as f64).sqrt();
+        let rms = protocol.undriven_rms(&clean);
         let measured_db = 20.0 * (rms / (sum / f64::from(count as u32)).sqrt()).log10();
         println!("noise asked for 50 dB, measured {measured_db:.3} dB over {count} readings");
         // The standard deviation of a standard deviation over 348,000 readings is 0.12 %, or 0.01 dB.

@@ -3,8 +3,7 @@
 //!
 //! - [`demo`]: the paper's 900 indentations in simulation, and the objects in recordings of a real tank;
 //! - [`reproduce`]: sections II to IV of the paper on digital twins, as a page and as numbers;
-//! - [`metrics`]: the figures for the comparison of methods;
-//! - [`report`]: tables, and self-contained HTML pages.
+//! - [`metrics`]: the figures for the comparison of methods.
 //!
 //! Nothing here prints. Long computations report to a [`Progress`].
 
@@ -16,7 +15,6 @@ mod error;
 pub mod metrics;
 mod plots;
 pub mod progress;
-pub mod report;
 pub mod reproduce;
 
 pub use error::{Error, Result};
@@ -30,4 +28,10 @@ pub struct StudyOutput {
     pub text: String,
     /// JSON, SI units.
     pub json: String,
+}
+
+/// A value as JSON, with a trailing newline.
+pub(crate) fn to_json(value: &impl serde::Serialize) -> Result<String> {
+    let text = serde_json::to_string_pretty(value).map_err(|error| Error::Internal(error.to_string()))?;
+    Ok(format!("{text}\n"))
 }

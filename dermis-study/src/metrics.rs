@@ -1,15 +1,15 @@
 //! The figures of a method on a digital twin, for tables and JSON: one list for all commands.
 //!
 //! ```
-//! use dermis_study::metrics::FIGURES;
+//! use dermis_study::metrics::figures;
 //!
-//! let resolved = FIGURES.iter().find(|figure| figure.key == "two_resolved_from_m").expect("a figure");
+//! let resolved = figures().find(|figure| figure.key == "two_resolved_from_m").expect("a figure");
 //! assert_eq!(resolved.show(0.04), "40"); // mm
 //! assert_eq!(resolved.worst(&[0.03, 0.04]), 0.04);
 //! ```
 
-use crate::report::Table;
 use dermis::stats::mean;
+use dermis_plot::report::Table;
 use dermis_sim::evaluate::{BenchmarkBound, BenchmarkOptions, BenchmarkResult, FORCES_PER_POSITION};
 use dermis_sim::experiment::Sizes;
 
@@ -39,61 +39,48 @@ pub enum Worse {
 }
 
 macro_rules! figure {
-    ($key:literal, $name:literal, $factor:literal, $decimals:literal, $worse:ident, $of:expr) => {
+    ($key:expr, $name:expr, $factor:literal, $decimals:literal, $worse:ident, $of:expr) => {
         Figure { key: $key, name: $name, of: $of, factor: $factor, decimals: $decimals, worse: Worse::$worse }
     };
 }
 
+/// The figures of a set of single touches.
+macro_rules! single_touches {
+    ($set:ident) => {
+        single_touches! { $set
+            ["_localisation_mean_m", ": localisation, mean, mm", 1e3, 2, |t| t.$set.localisation_m.mean]
+            ["_localisation_sd_m", ": localisation, sd, mm", 1e3, 2, |t| t.$set.localisation_m.sd]
+            ["_localisation_median_m", ": localisation, median, mm", 1e3, 2, |t| t.$set.localisation_m.median]
+            ["_localisation_p95_m", ": localisation, 95th percentile, mm", 1e3, 2, |t| t.$set.localisation_m.p95]
+            ["_localisation_largest_tenth_m", ": localisation, mean of the largest tenth, mm", 1e3, 2,
+                |t| t.$set.localisation_m.largest_tenth]
+            ["_eq11_mean_m", ": whole image (Eq. 11), mean, mm", 1e3, 1, |t| t.$set.eq11_m.mean]
+            ["_misses", ": misses", 1.0, 1, |t| t.$set.misses as f64]
+            ["_ghosts", ": false positives", 1.0, 1, |t| t.$set.false_positives as f64]
+            ["_sensitivity_spread", ": sensitivity spread", 1.0, 2, |t| t.$set.sensitivity_spread]
+            ["_strength_spread", ": spread of the contact's strength per newton", 1.0, 2, |t| t.$set.strength_spread]
+        }
+    };
+    ($set:ident $([$key:literal, $name:literal, $factor:literal, $decimals:literal, $of:expr])*) => {
+        &[$(figure!(
+            concat!(stringify!($set), $key),
+            concat!(stringify!($set), $name),
+            $factor,
+            $decimals,
+            More,
+            $of
+        )),*]
+    };
+}
+
 /// All figures, in the order of the tables.
-pub const FIGURES: &[Figure] = &[
-    figure!("grid_localisation_mean_m", "grid: localisation, mean, mm", 1e3, 2, More, |t| t.grid.localisation_m.mean),
-    figure!("grid_localisation_sd_m", "grid: localisation, sd, mm", 1e3, 2, More, |t| t.grid.localisation_m.sd),
-    figure!("grid_localisation_median_m", "grid: localisation, median, mm", 1e3, 2, More, |t| {
-        t.grid.localisation_m.median
-    }),
-    figure!("grid_localisation_p95_m", "grid: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
-        t.grid.localisation_m.p95
-    }),
-    figure!(
-        "grid_localisation_largest_tenth_m",
-        "grid: localisation, mean of the largest tenth, mm",
-        1e3,
-        2,
-        More,
-        |t| { t.grid.localisation_m.largest_tenth }
-    ),
-    figure!("grid_eq11_mean_m", "grid: whole image (Eq. 11), mean, mm", 1e3, 1, More, |t| t.grid.eq11_m.mean),
-    figure!("grid_misses", "grid: misses", 1.0, 1, More, |t| t.grid.misses as f64),
-    figure!("grid_ghosts", "grid: false positives", 1.0, 1, More, |t| t.grid.false_positives as f64),
-    figure!("grid_sensitivity_spread", "grid: sensitivity spread", 1.0, 2, More, |t| t.grid.sensitivity_spread),
-    figure!("grid_strength_spread", "grid: spread of the contact's strength per newton", 1.0, 2, More, |t| {
-        t.grid.strength_spread
-    }),
-    figure!("random_localisation_mean_m", "random: localisation, mean, mm", 1e3, 2, More, |t| {
-        t.random.localisation_m.mean
-    }),
-    figure!("random_localisation_sd_m", "random: localisation, sd, mm", 1e3, 2, More, |t| t.random.localisation_m.sd),
-    figure!("random_localisation_median_m", "random: localisation, median, mm", 1e3, 2, More, |t| {
-        t.random.localisation_m.median
-    }),
-    figure!("random_localisation_p95_m", "random: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
-        t.random.localisation_m.p95
-    }),
-    figure!(
-        "random_localisation_largest_tenth_m",
-        "random: localisation, mean of the largest tenth, mm",
-        1e3,
-        2,
-        More,
-        |t| { t.random.localisation_m.largest_tenth }
-    ),
-    figure!("random_eq11_mean_m", "random: whole image (Eq. 11), mean, mm", 1e3, 1, More, |t| t.random.eq11_m.mean),
-    figure!("random_misses", "random: misses", 1.0, 1, More, |t| t.random.misses as f64),
-    figure!("random_ghosts", "random: false positives", 1.0, 1, More, |t| t.random.false_positives as f64),
-    figure!("random_sensitivity_spread", "random: sensitivity spread", 1.0, 2, More, |t| t.random.sensitivity_spread),
-    figure!("random_strength_spread", "random: spread of the contact's strength per newton", 1.0, 2, More, |t| {
-        t.random.strength_spread
-    }),
+pub fn figures() -> impl Iterator<Item = &'static Figure> {
+    GRID.iter().chain(RANDOM).chain(OTHERS)
+}
+
+const GRID: &[Figure] = single_touches!(grid);
+const RANDOM: &[Figure] = single_touches!(random);
+const OTHERS: &[Figure] = &[
     figure!("rim_and_seam_mean_m", "rim and seam: localisation, mean, mm", 1e3, 2, More, |t| t.rim_and_seam_m.mean),
     figure!("rim_and_seam_p95_m", "rim and seam: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
         t.rim_and_seam_m.p95
@@ -197,7 +184,7 @@ impl Figure {
 /// Every figure: its mean over the twins and the worst twin; where it has a bound, the bound and the mean over it.
 pub fn table(twins: &[BenchmarkResult], bound: Option<&BenchmarkBound>) -> Table {
     let mut table = Table::new(&["figure", "mean of twins", "worst twin", "bound", "mean / bound"]);
-    for figure in FIGURES {
+    for figure in figures() {
         let values: Vec<f64> = twins.iter().map(figure.of).collect();
         let of_twins = mean(&values);
         let limit = bound.and_then(|bound| figure.bound(bound));
@@ -231,11 +218,11 @@ mod tests {
 
     #[test]
     fn every_figure_has_a_key_of_its_own_and_knows_its_worst_twin() {
-        let mut keys: Vec<&str> = FIGURES.iter().map(|figure| figure.key).collect();
+        let mut keys: Vec<&str> = figures().map(|figure| figure.key).collect();
         keys.sort_unstable();
         keys.dedup();
-        assert_eq!(keys.len(), FIGURES.len());
-        let figure = |key: &str| FIGURES.iter().find(|figure| figure.key == key).expect("a figure");
+        assert_eq!(keys.len(), figures().count());
+        let figure = |key: &str| figures().find(|figure| figure.key == key).expect("a figure");
         assert_eq!(figure("grid_misses").worst(&[1.0, 3.0, 2.0]), 3.0);
         assert_eq!(figure("four_all_found").worst(&[0.9, 0.7, 0.8]), 0.7);
         assert!(figure("grid_misses").worst(&[1.0, f64::NAN, 2.0]).is_nan());
@@ -251,13 +238,13 @@ mod tests {
             least_force_n: [0.01, 0.02],
             two_resolved: vec![(0.02, 0.7), (0.04, 0.95), (0.06, 1.0)],
         };
-        let of = |key: &str| FIGURES.iter().find(|figure| figure.key == key).expect("a figure").bound(&bound);
+        let of = |key: &str| figures().find(|figure| figure.key == key).expect("a figure").bound(&bound);
         assert_eq!(of("random_localisation_mean_m"), Some(5e-4));
         assert_eq!(of("two_resolved_from_m"), Some(0.04));
         assert_eq!(of("two_resolved_at_20_mm"), Some(0.7));
         assert_eq!((of("two_resolved_at_80_mm"), of("grid_misses")), (None, None));
         let bound = BenchmarkBound { misses: Some([2.5, 1.0]), ..bound };
-        let misses = FIGURES.iter().find(|figure| figure.key == "random_misses").expect("a figure");
+        let misses = figures().find(|figure| figure.key == "random_misses").expect("a figure");
         assert_eq!(misses.bound(&bound), Some(1.0));
     }
 }

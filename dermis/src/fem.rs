@@ -29,7 +29,7 @@ impl Gradients {
     }
 
     /// Entry `(i, j)` of the stiffness matrix at unit conductivity.
-    pub fn stiffness(&self, i: usize, j: usize) -> f64 {
+    pub(crate) fn stiffness(&self, i: usize, j: usize) -> f64 {
         self.measure * dot(self.of_corner[i], self.of_corner[j])
     }
 }
@@ -65,7 +65,7 @@ fn tetrahedron_gradients(corners: [Point3; 4]) -> Gradients {
 }
 
 /// Entry `(i, j)` of the mass matrix of a simplex with `corner_count` corners and the given measure.
-pub fn mass(corner_count: usize, measure: f64, i: usize, j: usize) -> f64 {
+pub(crate) fn mass(corner_count: usize, measure: f64, i: usize, j: usize) -> f64 {
     let share = measure / (corner_count * (corner_count + 1)) as f64;
     if i == j { 2.0 * share } else { share }
 }

@@ -1,8 +1,10 @@
-//! Files of limited size: a device such as `/dev/zero`, or a file of many gigabytes, is an error and fills no memory.
+//! Files. Those that are read have a limited size: a device such as `/dev/zero`, or a file of many gigabytes, is an error
+//! and fills no memory. Those that are written are there completely or not at all.
 
-use std::fs::File;
-use std::io::{Error, ErrorKind, Read, Result};
-use std::path::Path;
+use sha2::{Digest, Sha256};
+use std::fs::{File, OpenOptions};
+use std::io::{BufWriter, Error, ErrorKind, IntoInnerError, Read, Result, Write};
+use std::path::{Path, PathBuf};
 
 /// Largest file of settings, such as a recipe, a script of touches or a state, bytes.
 pub const MOST_SETTINGS_BYTES: u64 = 16 << 20;
@@ -32,6 +34,81 @@ pub fn read_text_at_most(path: &Path, most_bytes: u64) -> Result<String> {
         Error::new(ErrorKind::InvalidData, format!("it is not UTF-8 text (byte {at})"))
     };
     String::from_utf8(read_at_most(path, most_bytes)?).map_err(not_text)
+}
+
+/// SHA-256 of some bytes (FIPS 180-4).
+pub fn sha256(bytes: &[u8]) -> [u8; 32] {
+    Sha256::digest(bytes).into()
+}
+
+/// Writes a temporary file in the same folder and renames it when it is complete. After a full disk or an interrupted
+/// run, an older file is unchanged. Special files (a pipe, a device) are written directly.
+///
+/// # Errors
+/// A folder that does not exist or cannot be written; the errors of `fill`, usually a full disk.
+pub fn write_whole(path: &Path, fill: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
+    if std::fs::metadata(path).is_ok_and(|found| !found.is_file()) {
+        let mut writer = BufWriter::new(OpenOptions::new().write(true).open(path)?);
+        fill(&mut writer)?;
+        return writer.flush();
+    }
+    let mut writer = BufWriter::new(builder(0o666).tempfile_in(folder_of(path))?);
+    fill(&mut writer)?;
+    let file = writer.into_inner().map_err(IntoInnerError::into_error)?;
+    file.persist(path).map_err(|error| error.error)?;
+    Ok(())
+}
+
+/// A folder that is made beside its place and renamed when it is complete. If it is dropped before, nothing is left of it.
+#[derive(Debug)]
+pub struct NewFolder {
+    place: PathBuf,
+    beside: tempfile::TempDir,
+}
+
+impl NewFolder {
+    /// An empty folder for a place.
+    ///
+    /// # Errors
+    /// A parent folder that does not exist or cannot be written.
+    pub fn beside(place: &Path) -> Result<Self> {
+        let beside = builder(0o777).tempdir_in(folder_of(place))?;
+        let folder = NewFolder { place: place.to_path_buf(), beside };
+        std::fs::create_dir(folder.path())?;
+        Ok(folder)
+    }
+
+    /// Where it is until it is complete.
+    pub fn path(&self) -> PathBuf {
+        self.beside.path().join("new")
+    }
+
+    /// Renames it to its place. A folder that is there is removed.
+    ///
+    /// # Errors
+    /// A place that cannot be written.
+    pub fn finish(self) -> Result<()> {
+        if self.place.exists() {
+            // The old folder is removed with the temporary one.
+            std::fs::rename(&self.place, self.beside.path().join("old"))?;
+        }
+        std::fs::rename(self.path(), &self.place)
+    }
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Temporary files are private by default; the result gets the permissions of any other new file or folder.
+fn builder(mode: u32) -> tempfile::Builder<'static, 'static> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".dermis-");
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(mode));
+    #[cfg(not(unix))]
+    let _ = mode;
+    builder
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@ pub mod stats;
 pub mod text;
 // Layer 1
 pub mod contact;
+pub mod finding;
 pub mod protocol;
 // Layer 2
 pub mod design;

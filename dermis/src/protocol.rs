@@ -7,6 +7,9 @@ pub use scan::{MultiplexerInput, ScanSlot};
 pub(crate) use table::CHANNEL_COLUMNS;
 pub use table::SCAN_COLUMNS;
 
+use crate::files::sha256;
+use crate::stats::rms;
+use crate::text::hexadecimal;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use thiserror::Error;
@@ -248,6 +251,16 @@ impl Protocol {
         distinct(self.channels.iter().map(|channel| channel.measure))
     }
 
+    /// The channels whose measure pair shares no electrode with their drive: contact impedances do not touch their values.
+    pub fn undriven(&self) -> impl Iterator<Item = usize> {
+        (0..self.channels.len()).filter(|&channel| !self.channels[channel].touches_driven())
+    }
+
+    /// Root mean square of the values of the [undriven](Self::undriven) channels of a frame; `NaN` if there are none.
+    pub fn undriven_rms(&self, frame: &[f64]) -> f64 {
+        rms(self.undriven().map(|channel| frame[channel]))
+    }
+
     /// The change of each channel's value per ohm of increase of an electrode's contact resistance: 1 or -1 if the
     /// channel drives and measures at the electrode, else 0.
     pub(crate) fn contact_gains(&self, electrode: usize) -> impl Iterator<Item = f64> {
@@ -257,7 +270,7 @@ impl Protocol {
 
     /// SHA-256 of the channel table ([`to_csv`](Self::to_csv)), in hexadecimal digits: identifies the protocol.
     pub fn sha256(&self) -> String {
-        hmac_sha256::Hash::hash(self.to_csv().as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
+        hexadecimal(&sha256(self.to_csv().as_bytes()))
     }
 
     /// The channel table as CSV: `channel,drive_source,drive_sink,measure_plus,measure_minus`.

@@ -42,8 +42,7 @@ impl Summary {
             return Summary { mean: f64::NAN, sd: f64::NAN, median: f64::NAN, p95: f64::NAN, largest_tenth: f64::NAN };
         }
         let (mean, sd) = mean_and_sd(values);
-        let mut sorted = values.to_vec();
-        sorted.sort_by(f64::total_cmp);
+        let sorted = sorted(values.iter().copied());
         let largest_tenth = self::mean(&sorted[sorted.len() - sorted.len().div_ceil(10)..]);
         Summary { mean, sd, median: quantile(&sorted, 0.5), p95: quantile(&sorted, 0.95), largest_tenth }
     }
@@ -98,6 +97,13 @@ pub fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
     (sum / count as f64).sqrt()
 }
 
+/// Values in ascending order.
+pub fn sorted(values: impl IntoIterator<Item = f64>) -> Vec<f64> {
+    let mut values: Vec<f64> = values.into_iter().collect();
+    values.sort_by(f64::total_cmp);
+    values
+}
+
 /// A quantile of values in ascending order, linear between the two nearest.
 ///
 /// # Panics
@@ -131,7 +137,7 @@ pub fn nearest_quantiles<const N: usize>(values: &[f32], parts: [f64; N]) -> [f3
 ///
 /// # Panics
 /// If the rank is out of range.
-pub fn order_statistic<T: Real>(values: &[T], rank: usize) -> T {
+pub(crate) fn order_statistic<T: Real>(values: &[T], rank: usize) -> T {
     *values.to_vec().select_nth_unstable_by(rank, T::total_order).1
 }
 
@@ -153,6 +159,19 @@ pub fn ranks(values: &[f64]) -> Vec<f64> {
         start += same;
     }
     ranks
+}
+
+/// Spearman's rank correlation of two lists of equal length; ties share the mean of their ranks. `NaN` if one list is
+/// constant or contains a value that is not a number.
+pub fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
+    if a.iter().chain(b).any(|value| value.is_nan()) {
+        return f64::NAN;
+    }
+    let (a, b) = (ranks(a), ranks(b));
+    let (mean_a, sd_a) = mean_and_sd(&a);
+    let (mean_b, sd_b) = mean_and_sd(&b);
+    let product = a.iter().zip(&b).map(|(a, b)| (a - mean_a) * (b - mean_b)).sum::<f64>() / a.len() as f64;
+    product / (sd_a * sd_b)
 }
 
 #[cfg(test)]
@@ -194,6 +213,18 @@ mod tests {
         assert!((sd_of_sums(sum, squares, 4.0) - sd).abs() < 1e-12);
         assert!((rms(values).powi(2) - sd * sd - mean * mean).abs() < 1e-12);
         assert!(rms([]).is_nan());
+    }
+
+    #[test]
+    fn ranks_correlate_as_spearman_defines() {
+        // Without ties 1 - 6 sum d^2 / (n (n^2 - 1)): d = 1, 1, 0, 0 gives 1 - 12 / 60.
+        assert!((rank_correlation(&[1.0, 2.0, 3.0, 4.0], &[20.0, 10.0, 30.0, 99.0]) - 0.8).abs() < 1e-12);
+        assert!((rank_correlation(&[1.0, 1.25, 5.0], &[0.1, 0.2, 0.3]) - 1.0).abs() < 1e-12);
+        assert!((rank_correlation(&[1.0, 2.0, 3.0], &[3.0, 2.0, 1.0]) + 1.0).abs() < 1e-12);
+        // Ranks 0, 1.5, 1.5, 3 against 0, 1, 2, 3: 4.5 / sqrt(4.5 * 5).
+        assert!((rank_correlation(&[1.0, 2.0, 2.0, 3.0], &[1.0, 2.0, 3.0, 4.0]) - 0.9f64.sqrt()).abs() < 1e-12);
+        assert!(rank_correlation(&[1.0, 2.0], &[1.0, 1.0]).is_nan());
+        assert!(rank_correlation(&[1.0, 2.0], &[1.0, f64::NAN]).is_nan());
     }
 
     #[test]

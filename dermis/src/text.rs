@@ -26,6 +26,53 @@ pub fn number_of<N: PartialEq + From<u8>>(count: N, noun: &str) -> String {
     }
 }
 
+/// A text with the characters that XML and HTML reserve written as entities.
+pub fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// Bytes as hexadecimal digits.
+pub fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// A number with at most some decimals: without trailing zeros, and without a sign before zero.
+///
+/// ```
+/// use dermis::text::decimal;
+///
+/// assert_eq!([decimal(12.50, 3), decimal(-0.001, 1), decimal(20.0, 0)], ["12.5", "0", "20"]);
+/// ```
+pub fn decimal(value: f64, most_decimals: usize) -> String {
+    let text = format!("{value:.most_decimals$}");
+    let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
+    if text == "-0" { "0".into() } else { text.into() }
+}
+
+/// Ascending numbers as ranges, at most eight of them.
+///
+/// ```
+/// use dermis::text::ranges;
+///
+/// assert_eq!(ranges(&[0, 1, 2, 7]), "0-2, 7");
+/// assert_eq!(ranges(&(0..40).filter(|number| number % 4 == 1).collect::<Vec<_>>()), "1, 5, 9, 13, 17, 21, 25, 29, ... (10 in all)");
+/// ```
+pub fn ranges(numbers: &[usize]) -> String {
+    const MOST: usize = 8;
+    let mut parts: Vec<String> = numbers
+        .chunk_by(|before, after| before + 1 == *after)
+        .map(|run| match run {
+            [first, .., last] => format!("{first}-{last}"),
+            _ => run[0].to_string(),
+        })
+        .collect();
+    if parts.len() > MOST {
+        parts.truncate(MOST);
+        parts.push(format!("... ({} in all)", numbers.len()));
+    }
+    parts.join(", ")
+}
+
 /// A text of a device or a file on one line of a terminal. Characters that control a terminal, end a line or change the
 /// direction of writing become `?`, one for each of their bytes, so that places in the text stay.
 ///

@@ -12,7 +12,7 @@ const LAYERED: &[(&str, &[&[&str]])] = &[
         "dermis",
         &[
             &["files", "geom", "linalg", "stats", "text"],
-            &["contact", "protocol"],
+            &["contact", "finding", "protocol"],
             &["design", "frame"],
             &["mesh"],
             &["fem", "image"],

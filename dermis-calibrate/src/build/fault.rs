@@ -143,18 +143,6 @@ impl Network {
 }
 
 impl Fault {
-    /// Its name, as in JSON.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Fault::OpenElectrode { .. } => "open_electrode",
-            Fault::PoorContact { .. } => "poor_contact",
-            Fault::Short { .. } => "short",
-            Fault::ExchangedWires { .. } => "exchanged_wires",
-            Fault::Reference { .. } => "reference",
-            Fault::Cut(_) => "cut",
-        }
-    }
-
     /// Whether another fault is of the same kind and at the same place.
     pub(super) fn is_like(&self, other: &Fault) -> bool {
         match (self, other) {

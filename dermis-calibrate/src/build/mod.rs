@@ -29,13 +29,13 @@ mod fit;
 mod screen;
 
 pub use fault::{Cut, Fault};
-pub use finding::BuildFinding;
 
 use crate::calibration::LabelFrame;
-use crate::checks::{FindingKind, Recording, Severity, check_recording};
+use crate::checks::{Recording, check_recording};
 use crate::error::CalibrateError;
 use cut::remaining;
 use data::Data;
+use dermis::finding::{Finding, FindingKind, is_sound};
 use dermis::frame::{Frame, mean};
 use dermis::identify::IdentifyOptions;
 use dermis::skin::Skin;
@@ -65,7 +65,7 @@ const DETERMINED: f64 = 0.5;
 #[derive(Debug, Clone, Serialize)]
 pub struct BuildCheck {
     /// The findings: faults first, then notes. Empty for a sound skin.
-    pub findings: Vec<BuildFinding>,
+    pub findings: Vec<Finding>,
     /// The faults of the network and of the coat among them.
     pub faults: Vec<Fault>,
     /// All resistances of the skin over those of the design: a factor on the sheet resistance, or on the reference
@@ -98,13 +98,6 @@ pub struct BuiltContact {
     pub displacement_m: [f64; 2],
     /// Whether a fault was found at it.
     pub is_faulty: bool,
-}
-
-impl BuildCheck {
-    /// The findings that are to be mended.
-    pub fn problems(&self) -> impl Iterator<Item = &BuildFinding> {
-        self.findings.iter().filter(|finding| finding.severity == Severity::Fault)
-    }
 }
 
 /// The checks of one design.
@@ -148,7 +141,7 @@ impl BuildChecker {
         }
         if is_unexplained(&fit, sound_misfit) && fit.misfit > MOST_LEFT * sound_misfit {
             let recorded = self.recorded(mean)?;
-            if recorded.iter().any(|finding| finding.severity == Severity::Fault) {
+            if !is_sound(&recorded) {
                 return Ok(BuildCheck { misfit: fit.misfit, sound_misfit, ..self.unlike(frames.len(), recorded) });
             }
         }
@@ -156,10 +149,10 @@ impl BuildChecker {
     }
 
     /// What the values alone show, and their order: of use where the model does not explain the frame.
-    fn recorded(&self, mean: Frame) -> Result<Vec<BuildFinding>, CalibrateError> {
+    fn recorded(&self, mean: Frame) -> Result<Vec<Finding>, CalibrateError> {
         let one = [mean];
         let recording = Recording { frames: &one, untouched: &one, positions_m: None, label_frame: LabelFrame::Skin };
-        let checked = check_recording(&self.skin, &recording)?;
+        let mut findings = check_recording(&self.skin, &recording)?.findings;
         let of_frame = [
             FindingKind::Order,
             FindingKind::UnlikeModel,
@@ -168,14 +161,14 @@ impl BuildChecker {
             FindingKind::SignPresent,
             FindingKind::Magnitude,
         ];
-        let used = checked.findings.iter().filter(|finding| of_frame.contains(&finding.kind));
-        Ok(used.map(BuildFinding::of_recording).collect())
+        findings.retain(|finding| of_frame.contains(&finding.kind));
+        Ok(findings)
     }
 
     /// A frame that is unlike the model.
-    fn unlike(&self, frames: usize, mut findings: Vec<BuildFinding>) -> BuildCheck {
+    fn unlike(&self, frames: usize, mut findings: Vec<Finding>) -> BuildCheck {
         if findings.is_empty() {
-            findings.push(BuildFinding::unexplained(f64::INFINITY));
+            findings.push(finding::unexplained(f64::INFINITY));
         }
         BuildCheck {
             findings,
@@ -273,13 +266,13 @@ impl BuildChecker {
         let low = conductance.iter().copied().fold(f64::INFINITY, f64::min);
         let high = conductance.iter().copied().fold(0.0, f64::max);
         let named = faults.iter().zip(gains);
-        let mut findings: Vec<BuildFinding> =
-            named.map(|(fault, &gain)| BuildFinding::of_fault(fault, gain, &model.protocol)).collect();
+        let mut findings: Vec<Finding> =
+            named.map(|(fault, &gain)| finding::of_fault(fault, gain, &model.protocol)).collect();
         if is_unexplained(&fit, sound_misfit) {
-            findings.push(BuildFinding::unexplained(fit.misfit));
+            findings.push(finding::unexplained(fit.misfit));
         }
-        findings.extend(BuildFinding::of_resistance(resistance_factor));
-        findings.extend(BuildFinding::of_coat(unevenness, [low, high]));
+        findings.extend(finding::of_resistance(resistance_factor));
+        findings.extend(finding::of_coat(unevenness, [low, high]));
         let contacts = self.contacts(data, &fit, &findings);
         let conductance = self.with_cuts(conductance, &faults);
         BuildCheck {
@@ -324,7 +317,7 @@ impl BuildChecker {
         conductance
     }
 
-    fn contacts(&self, data: &Data, fit: &Fit, findings: &[BuildFinding]) -> Vec<BuiltContact> {
+    fn contacts(&self, data: &Data, fit: &Fit, findings: &[Finding]) -> Vec<BuiltContact> {
         let identifier = &self.model.identifier;
         let built = identifier.model_of(&fit.x).ok();
         let count = self.model.protocol.electrode_count();

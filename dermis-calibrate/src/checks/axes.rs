@@ -1,10 +1,10 @@
 //! Positions of presses on the skin whose axes are reversed or exchanged.
 
 use crate::checks::correlation::{cosine, standardised};
-use crate::checks::finding::{Finding, FindingKind};
 use crate::checks::model::{ModelChannels, compressed};
 use crate::forward_map::spread_over;
 use dermis::design::Body;
+use dermis::finding::{Finding, FindingKind};
 use dermis::geom::vector::distance;
 use dermis::geom::{Chart, Point3, Shape};
 use dermis::stats::mean;

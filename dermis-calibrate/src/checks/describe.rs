@@ -1,11 +1,11 @@
 //! Findings in words: what differs, and the field of the design to change.
 
 use crate::checks::Figures;
-use crate::checks::finding::{Finding, FindingKind};
 use crate::checks::model::ModelChannels;
 use crate::checks::order::Score;
 use crate::checks::orders::{Change, Order};
 use crate::lags::LagEvidence;
+use dermis::finding::{Finding, FindingKind};
 use dermis::frame::Frame;
 use dermis::protocol::Protocol;
 use dermis::stats::{mean_and_sd, rms, upper_median};
@@ -82,20 +82,20 @@ fn fix(order: &Order, protocol: &Protocol) -> String {
 
 /// The untouched frame fits in no order.
 pub(super) fn unlike(own: Score) -> Finding {
-    let evidence = "cosine of the untouched frame with that of the model; no other order fits better".to_string();
+    let evidence = "cosine of the untouched frame with that of the model; no other order fits better";
     let fix = "check protocol.pattern, the positions of the electrodes and the untouched frames";
     Finding::new(FindingKind::UnlikeModel, own.untouched.abs(), evidence, fix)
 }
 
 /// All signs turned, by the untouched frame.
 pub(super) fn turned_untouched(cosine: f64, protocol: &Protocol) -> Finding {
-    let evidence = "cosine of the untouched frame with that of the model".to_string();
+    let evidence = "cosine of the untouched frame with that of the model";
     Finding::new(FindingKind::SignTurned, cosine, evidence, reversal(protocol))
 }
 
 /// All signs turned, by the changes.
 pub(super) fn turned_changes(cosine: f64, untouched_fits: bool, protocol: &Protocol) -> Finding {
-    let evidence = "mean cosine of the frames with the best single touch of the opposite sign".to_string();
+    let evidence = "mean cosine of the frames with the best single touch of the opposite sign";
     let touch = "set sheet.touch to the other value (conductance_rises, conductance_falls)";
     let fix = match untouched_fits || protocol.amplitude_only() {
         true => touch.to_string(),
@@ -127,7 +127,7 @@ pub(super) fn turned(columns: Vec<usize>, worst: f64) -> Finding {
         false => (worst, "smallest cosine of a drive's correlations with the other channels to those of the model"),
     };
     let fix = "exchange source and sink of a drive, plus and minus of a measurement, or multiply these channels by -1";
-    Finding::new(FindingKind::SignTurned, value, what.to_string(), fix).at_channels(columns)
+    Finding::new(FindingKind::SignTurned, value, what, fix).at_channels(columns)
 }
 
 /// The channels of one lag.
@@ -147,7 +147,7 @@ pub(super) fn late(lag: i32, lags: &[i32], figures: &Figures) -> Option<Finding>
         format!("part of the median channel that the others explain at this lag; {:.3} at the same row", median(0));
     let fix =
         format!("{} {way}: mend them with --realign (dermis calibrate mends them itself)", counted(lag.abs(), "row"));
-    Some(Finding::new(FindingKind::Late, median(lag), evidence, fix).at_channels(channels).with_lag(lag))
+    Some(Finding { lag, ..Finding::new(FindingKind::Late, median(lag), evidence, fix).at_channels(channels) })
 }
 
 /// Channels of the design that are noise: no other channel explains them at any lag, and their scale is far below what

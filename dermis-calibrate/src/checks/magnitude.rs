@@ -1,6 +1,6 @@
 //! Values that are too small or too large against the model.
 
-use crate::checks::finding::{Finding, FindingKind};
+use dermis::finding::{Finding, FindingKind};
 use dermis::stats::upper_median;
 use faer::Mat;
 

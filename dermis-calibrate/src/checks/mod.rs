@@ -3,10 +3,11 @@
 //! Nothing here needs labels. The frames are compared with each other, and with the model of the skin.
 //!
 //! ```
+//! use dermis::finding::FindingKind;
 //! use dermis::frame::Frame;
 //! use dermis::skin::Skin;
 //! use dermis_calibrate::LabelFrame;
-//! use dermis_calibrate::checks::{FindingKind, Recording, check_recording};
+//! use dermis_calibrate::checks::{Recording, check_recording};
 //!
 //! let skin = Skin::load("tank16")?;
 //! // An instrument that reads V[m + 1] - V[m], as pyEIT does, where the design says V[m] - V[m + 1].
@@ -23,7 +24,6 @@
 mod axes;
 mod correlation;
 mod describe;
-mod finding;
 mod magnitude;
 mod model;
 mod order;
@@ -34,8 +34,6 @@ mod time;
 mod truth;
 mod values;
 
-pub use finding::{Finding, FindingKind, Severity};
-
 use crate::calibration::LabelFrame;
 use crate::error::CalibrateError;
 use crate::lags::{LAGS, LagEvidence, lag_evidence};
@@ -44,6 +42,7 @@ use crate::units::ChannelUnits;
 use axes::Labelled;
 use correlation::{correlations, in_robust_units, standardised, to_matrix, to_rows};
 use dermis::design::Body;
+use dermis::finding::{Finding, FindingKind};
 use dermis::frame::{Frame, mean};
 use dermis::geom::Point3;
 use dermis::protocol::Protocol;
@@ -88,7 +87,7 @@ pub struct Checked {
 impl Checked {
     /// The findings that are to be mended.
     pub fn faults(&self) -> impl Iterator<Item = &Finding> {
-        self.findings.iter().filter(|finding| finding.severity == Severity::Fault)
+        self.findings.iter().filter(|finding| finding.is_fault())
     }
 }
 
@@ -465,7 +464,7 @@ impl<'a> Check<'a> {
     }
 
     fn finish(mut self, order: &Order) -> Checked {
-        self.findings.sort_by_key(|finding| (finding.severity == Severity::Note, finding.kind, finding.lag));
+        self.findings.sort_by_key(|finding| (!finding.is_fault(), finding.kind, finding.lag));
         let columns = if order.changes.is_empty() { Vec::new() } else { order.columns.clone() };
         Checked { findings: self.findings, lags: self.lags, columns, figures: self.figures }
     }

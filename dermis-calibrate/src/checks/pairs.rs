@@ -1,6 +1,6 @@
 //! Channels that measure the same quantity: with drive and measure exchanged (reciprocity), or with a pair reversed.
 
-use crate::checks::finding::{Finding, FindingKind};
+use dermis::finding::{Finding, FindingKind};
 use dermis::frame::{Frame, Screening, twins};
 use dermis::protocol::Protocol;
 use dermis::stats::{ranks, upper_median};

@@ -1,9 +1,9 @@
 //! Signs of channels: turned, lost, or there although the design says that they are lost.
 
 use crate::checks::correlation::{cosine, unit_rows};
-use crate::checks::finding::{Finding, FindingKind};
 use crate::checks::model::{ModelChannels, compressed};
 use crate::checks::order::compressed as compressed_row;
+use dermis::finding::{Finding, FindingKind};
 use dermis::protocol::Protocol;
 use dermis::stats::upper_median;
 use faer::Mat;

@@ -1,7 +1,7 @@
 //! Changes over the rows: drift, and the memory of the press before.
 
-use crate::checks::finding::{Finding, FindingKind};
 use crate::ridge::Regression;
+use dermis::finding::{Finding, FindingKind};
 use faer::{Mat, Side};
 
 /// Blocks of rows whose means show drift.
@@ -108,7 +108,7 @@ pub(crate) fn leading_components(standardised: &Mat<f64>, correlation: &Mat<f64>
 pub(crate) fn notes(drift: f64, memory: f64, by_truth: bool) -> Vec<Finding> {
     let mut found = Vec::new();
     if drift > DRIFT {
-        let evidence = "part of the variance of the median channel between tenths of the rows".to_string();
+        let evidence = "part of the variance of the median channel between tenths of the rows";
         let fix = "take an untouched frame more often; keep the order of the rows, so that a calibration can follow it";
         found.push(Finding::new(FindingKind::Drift, drift, evidence, fix));
     }
@@ -118,7 +118,7 @@ pub(crate) fn notes(drift: f64, memory: f64, by_truth: bool) -> Vec<Finding> {
             false => "part of the frames that the row before explains: memory, or presses next to each other",
         };
         let fix = "keep the order of the rows: a calibration takes the press before into account";
-        found.push(Finding::new(FindingKind::Memory, memory, evidence.to_string(), fix));
+        found.push(Finding::new(FindingKind::Memory, memory, evidence, fix));
     }
     found
 }

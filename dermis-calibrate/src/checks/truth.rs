@@ -1,7 +1,7 @@
 //! Positions of the presses that belong to other rows.
 
-use crate::checks::finding::{Finding, FindingKind};
 use crate::ridge::Regression;
+use dermis::finding::{Finding, FindingKind};
 use dermis::geom::Point3;
 use dermis::text::counted;
 use faer::Mat;
@@ -53,7 +53,7 @@ pub(crate) fn shifted(explained: &[f64]) -> Option<Finding> {
     let evidence = format!("part of the frames that the shifted positions explain; {zero:.3} without a shift");
     let (rows, from) = (counted(shift.abs(), "row"), if shift > 0 { "after" } else { "before" });
     let fix = format!("the press of each frame is {rows} {from} it in the truth: move the rows of the truth");
-    let finding = Finding::new(FindingKind::TruthShifted, best, evidence, fix).with_lag(shift);
+    let finding = Finding { lag: shift, ..Finding::new(FindingKind::TruthShifted, best, evidence, fix) };
     (shift != 0 && best > LEAST && best - zero > MORE).then_some(finding)
 }
 

@@ -1,9 +1,9 @@
 //! Channels and rows whose values alone show that something is wrong: constant, piled up at a limit, far outside the
 //! range.
 
-use crate::checks::finding::{Finding, FindingKind};
+use dermis::finding::{Finding, FindingKind};
 use dermis::frame::Frame;
-use dermis::stats::{quantile, upper_median};
+use dermis::stats::{quantile, sorted, upper_median};
 
 /// A channel is constant if this part of its values is one number.
 const SAME: f64 = 0.98;
@@ -66,7 +66,7 @@ pub(crate) fn saturated(columns: &[Vec<f64>], dead: &[usize]) -> Option<Finding>
         .filter_map(|channel| Some((channel, piled_part(&columns[channel])?)))
         .collect();
     let most = piled.iter().map(|(_, part)| *part).fold(0.0, f64::max);
-    let evidence = "largest part of a channel's values that are exactly its limit".to_string();
+    let evidence = "largest part of a channel's values that are exactly its limit";
     let fix = "lower the gain or the drive current, and record again: the values beyond the limit are lost";
     let found = Finding::new(FindingKind::Saturated, most, evidence, fix);
     (!piled.is_empty()).then(|| found.at_channels(piled.into_iter().map(|(channel, _)| channel).collect()))
@@ -74,8 +74,7 @@ pub(crate) fn saturated(columns: &[Vec<f64>], dead: &[usize]) -> Option<Finding>
 
 /// The part of the values at a limit, where they pile up.
 fn piled_part(column: &[f64]) -> Option<f64> {
-    let mut sorted = column.to_vec();
-    sorted.sort_by(f64::total_cmp);
+    let sorted = sorted(column.iter().copied());
     let (low, high) = (*sorted.first()?, *sorted.last()?);
     let beside = BESIDE * (high - low);
     let at = |limit: f64| sorted.iter().filter(|value| **value == limit).count();
@@ -100,8 +99,7 @@ pub(crate) fn distances(columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let of_column = |column: &Vec<f64>| {
         let middle = upper_median(column).unwrap_or(0.0);
         let apart: Vec<f64> = column.iter().map(|value| (value - middle).abs()).collect();
-        let mut sorted = apart.clone();
-        sorted.sort_by(f64::total_cmp);
+        let sorted = sorted(apart.iter().copied());
         let scale = quantile(&sorted, 0.99).max(4.0 * quantile(&sorted, 0.5));
         apart.into_iter().map(|apart| if scale > 0.0 { apart / scale } else { 0.0 }).collect()
     };
@@ -139,16 +137,16 @@ pub(crate) fn outliers(columns: &[Vec<f64>], dead: &[usize]) -> Vec<Finding> {
 
 /// The findings of outlier frames and of rows with outlier values, with the largest distance of each.
 fn outlier_findings(most: [f64; 2], frames: Vec<usize>, values: Vec<usize>, channels: Vec<usize>) -> Vec<Finding> {
-    let evidence = "largest distance from the median of a channel, over the distance of 99 % of its values".to_string();
+    let evidence = "largest distance from the median of a channel, over the distance of 99 % of its values";
     let mut found = Vec::new();
     if !frames.is_empty() {
         let fix = "remove these rows from the frames and from the truth";
-        found.push(Finding::new(FindingKind::OutlierFrame, most[0], evidence.clone(), fix).at_rows(frames));
+        found.push(Finding { rows: frames, ..Finding::new(FindingKind::OutlierFrame, most[0], evidence, fix) });
     }
     if !values.is_empty() {
         let fix = "check the converter and the wiring of these channels; remove these rows before training";
         let finding = Finding::new(FindingKind::OutlierValue, most[1], evidence, fix);
-        found.push(finding.at_channels(channels).at_rows(values));
+        found.push(Finding { rows: values, ..finding.at_channels(channels) });
     }
     found
 }

@@ -10,13 +10,13 @@ use dermis::estimate::drift::DriftSpread;
 use dermis::frame::write_whole;
 use dermis::image::PixelSpace;
 use dermis::skin::Skin;
-use dermis::stats::quantile;
+use dermis::stats::{mean, quantile, sorted};
 use dermis::text::counted;
 use dermis_plot::chart::Cumulative;
+use dermis_plot::report::Table;
 use dermis_plot::{Drawing, Key, Picture, Scale, View};
 use dermis_sim::bound::{BoundOptions, Bounds};
 use dermis_sim::twin::TwinOptions;
-use dermis_study::report::Table;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::io::Write;
@@ -118,11 +118,10 @@ struct Spread {
 
 impl Spread {
     fn of(places: &[Place], value: impl Fn(&Place) -> Option<f64>) -> Option<Self> {
-        let mut values: Vec<f64> = places.iter().filter_map(value).collect();
-        values.sort_by(f64::total_cmp);
+        let values = sorted(places.iter().filter_map(value));
         let largest = *values.last()?;
         Some(Spread {
-            mean: values.iter().sum::<f64>() / values.len() as f64,
+            mean: mean(&values),
             median: quantile(&values, 0.5),
             p95: quantile(&values, 0.95),
             largest,

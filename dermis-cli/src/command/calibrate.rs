@@ -1,7 +1,6 @@
 //! `dermis calibrate`: a real skin calibrated with measured presses.
 
 use crate::calibrated::Presses;
-use crate::check_page::place;
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::fitted;
@@ -11,12 +10,13 @@ use crate::range::count;
 use crate::rows::Rows;
 use crate::skin;
 use clap::{ArgGroup, Args};
+use dermis::finding::FindingKind;
 use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::skin::Skin;
-use dermis_calibrate::checks::{FindingKind, Recording, check_recording};
+use dermis_calibrate::checks::{Recording, check_recording};
 use dermis_calibrate::{Calibration, Fitted, Label, LabelFrame, LearningPoint, expected_error_m, learning_curve};
-use dermis_study::report::Table;
+use dermis_plot::report::Table;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -186,8 +186,7 @@ fn warn_of_faults(skin: &Skin, recorded: &Recorded, presses: &Presses) -> Outcom
         check_recording(skin, &recording)?
     };
     for fault in checked.faults().filter(|fault| fault.kind != FindingKind::Late) {
-        let place = place(fault);
-        warn(&format!("{} ({place}): {} = {:.3}; {}", fault.kind.name(), fault.evidence, fault.value, fault.fix));
+        warn(&format!("{}: {} = {}; {}", fault.title(), fault.evidence, fault.value_text(), fault.fix));
     }
     Ok(())
 }

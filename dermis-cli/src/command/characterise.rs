@@ -10,9 +10,9 @@ use dermis::detect::{DetectOptions, Forces, Misplacement, PositionSpread, REGION
 use dermis::frame::{Differences, write_whole};
 use dermis::skin::Skin;
 use dermis::text::counted;
+use dermis_plot::report::Table;
 use dermis_sim::dataset::{Generator, PatchTouches, Recipe, SkinSpread, Skins, Touch};
 use dermis_sim::evaluate::CalibrationRun;
-use dermis_study::report::Table;
 use serde_json::json;
 use std::io::Write;
 use std::path::PathBuf;
@@ -141,21 +141,23 @@ fn summary(run: &CalibrationRun, detection: &DetectOptions, before: f64, blur: f
         format!("{:.1} %", 100.0 * covered(&part, |contact| spread.sd_m(&contact.circumstances)))
     };
     let mut table = Table::new(&["figure", "value"]);
-    let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
-    row("touches", run.touches.to_string());
-    row("detected", format!("{found}, and {}", counted(run.false_positives, "false positive")));
-    row("95 % region contains the truth, before calibration", format!("{:.1} %", 100.0 * before));
-    row("after calibration, one touch in the frame", after(|contact| contact.touches == 1));
-    row("after calibration, several touches, all detected", after(|contact| contact.touches > 1 && !contact.is_shared));
-    row("after calibration, several touches, some missed", after(|contact| contact.is_shared));
-    row("typical standard deviation", format!("{:.2} mm", 1e3 * spread.typical_m));
+    table.pair("touches", run.touches);
+    table.pair("detected", format!("{found}, and {}", counted(run.false_positives, "false positive")));
+    table.pair("95 % region contains the truth, before calibration", format!("{:.1} %", 100.0 * before));
+    table.pair("after calibration, one touch in the frame", after(|contact| contact.touches == 1));
+    table.pair(
+        "after calibration, several touches, all detected",
+        after(|contact| contact.touches > 1 && !contact.is_shared),
+    );
+    table.pair("after calibration, several touches, some missed", after(|contact| contact.is_shared));
+    table.pair("typical standard deviation", format!("{:.2} mm", 1e3 * spread.typical_m));
     if let Some(Forces { newtons_per_strength, relative_sd, .. }) = detection.forces {
-        row("force over strength", format!("{newtons_per_strength:.4e} N"));
-        row("standard deviation of a force", format!("{:.0} %", 100.0 * relative_sd));
+        table.pair("force over strength", format!("{newtons_per_strength:.4e} N"));
+        table.pair("standard deviation of a force", format!("{:.0} %", 100.0 * relative_sd));
     }
-    row("systematic error over contact radius", format!("{blur:.3}"));
-    row("unexplained variance of the images", format!("{:.4}", run.images.unexplained()));
-    row("variance of the targets", format!("{:.3e}", run.images.target_variance()));
+    table.pair("systematic error over contact radius", format!("{blur:.3}"));
+    table.pair("unexplained variance of the images", format!("{:.4}", run.images.unexplained()));
+    table.pair("variance of the targets", format!("{:.3e}", run.images.target_variance()));
     table
 }
 

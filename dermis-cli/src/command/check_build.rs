@@ -1,24 +1,25 @@
 //! `dermis check-build`: whether a skin was built as designed.
 
-use crate::build_page::{findings_table, in_words, page};
+use crate::build_page::page;
 use crate::build_watch::{FRAMES, take_frames};
 use crate::console::{Progress, notice_line, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
-use crate::findings::{FindingText, findings_text};
 use crate::frames::{CURRENTS_HELP, divided};
 use crate::picture::check_page_ending;
 use crate::range::count;
 use crate::skin;
 use crate::source::SourceArguments;
 use clap::Args;
-use dermis::frame::{Frame, read_frames, write_whole};
+use dermis::finding::{Severity, is_sound};
+use dermis::frame::{Frame, read_frames};
 use dermis::method::MethodSet;
-use dermis::pipeline::{Settings, Severity as Level};
+use dermis::pipeline::Settings;
 use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_calibrate::build::{BuildCheck, BuildChecker};
 use dermis_live::device::DeviceOptions;
 use dermis_live::{Event, Live, LiveOptions};
+use dermis_plot::report::findings_text;
 use serde_json::json;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -72,8 +73,7 @@ impl Arguments {
             BuildChecker::new(&skin)?.check(&frames)?
         };
         if let Some(path) = &self.output {
-            let html = page(&skin, &check, &source)?.to_html();
-            write_whole(path, |out| out.write_all(html.as_bytes()))?;
+            page(&skin, &check, &source)?.write(path)?;
         }
         if self.json { print_json(&as_json(&skin, &check, &source)) } else { print(&self.text(&skin, &check)) }
     }
@@ -105,7 +105,7 @@ impl Arguments {
         live.begin();
         let frames = take_frames(&mailbox, self.take, PATIENCE, |event| match event {
             Event::Frame(_) => progress.step(),
-            Event::Notice(notice) if notice.level == Level::Error => {
+            Event::Notice(notice) if notice.level == Severity::Error => {
                 eprintln!("{}", notice_line(notice.level, &notice.text));
             }
             _ => {}
@@ -122,12 +122,11 @@ impl Arguments {
     }
 
     fn text(&self, skin: &Skin, check: &BuildCheck) -> String {
-        let findings: Vec<FindingText<'_>> = check.findings.iter().map(in_words).collect();
         let mut text = format!(
             "{}: {}, {}",
             skin.design().name,
             counted(check.frames, "untouched frame"),
-            findings_text(&findings, &findings_table(check), "sound, no findings")
+            findings_text(&check.findings, "sound, no findings")
         );
         let _ = writeln!(
             text,
@@ -154,7 +153,7 @@ fn as_json(skin: &Skin, check: &BuildCheck, source: &str) -> serde_json::Value {
         "protocol_sha256": skin.design().protocol.sha256(),
         "source": source,
         "frames": check.frames,
-        "sound": check.problems().next().is_none(),
+        "sound": is_sound(&check.findings),
         "findings": check.findings,
         "faults": check.faults,
         "resistance_factor": known(check.resistance_factor),

@@ -5,6 +5,7 @@ use crate::failure::{Failure, Outcome};
 use crate::range::{count, number};
 use clap::Args;
 use dermis::design::SkinDesign;
+use dermis::finding::Finding;
 use dermis::frame::write_whole;
 use dermis::text::counted;
 use dermis_live::ScanTable;
@@ -71,11 +72,11 @@ impl Arguments {
         } else {
             print(&self.text(&checked))?
         }
-        match checked.steps.iter().find_map(|step| step.problem.as_ref().map(|problem| (step.name, problem))) {
+        match checked.findings.first() {
             None => Ok(()),
-            Some((step, problem)) => {
-                let fix = "compare its firmware with docs/wire-protocol.md";
-                Err(Failure::given(format!("the device does not conform: {step}: {problem}"), Some(fix)))
+            Some(Finding { step, evidence, fix, .. }) => {
+                let step = step.unwrap_or_default();
+                Err(Failure::given(format!("the device does not conform: {step}: {evidence}"), Some(fix)))
             }
         }
     }
@@ -83,7 +84,8 @@ impl Arguments {
     fn text(&self, checked: &Conformance) -> String {
         let mut text = format!("{}\n", checked.device);
         for step in &checked.steps {
-            let _ = writeln!(text, "  {:24} {}", step.name, step.problem.as_deref().unwrap_or("as specified"));
+            let found = checked.findings.iter().find(|finding| finding.step == Some(step));
+            let _ = writeln!(text, "  {step:24} {}", found.map_or("as specified", |finding| &finding.evidence));
         }
         let rate = checked.rate_hz.map_or(String::new(), |rate_hz| format!(", {rate_hz:.3} Hz by its clock"));
         let _ = writeln!(

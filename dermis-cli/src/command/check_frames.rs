@@ -1,19 +1,19 @@
 //! `dermis check-frames`: what is wrong with a recording.
 
 use crate::calibrated::Presses;
-use crate::check_page::{findings_table, page, place};
+use crate::check_page::page;
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
-use crate::findings::{FindingText, findings_text};
 use crate::frames::{FrameArguments, Recorded};
 use crate::picture::check_page_ending;
 use crate::skin;
 use clap::Args;
-use dermis::frame::{write_frames, write_whole};
+use dermis::frame::write_frames;
 use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_calibrate::LabelFrame;
-use dermis_calibrate::checks::{Checked, Finding, Recording, check_recording, realigned};
+use dermis_calibrate::checks::{Checked, Recording, check_recording, realigned};
+use dermis_plot::report::findings_text;
 use serde_json::json;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -60,8 +60,7 @@ impl Arguments {
             write_frames(path, &realigned(&frames, &checked.lags)?)?;
         }
         if let Some(path) = &self.output {
-            let html = page(&skin, frames.len(), &checked).to_html();
-            write_whole(path, |out| out.write_all(html.as_bytes()))?;
+            page(&skin, frames.len(), &checked).write(path)?;
         }
         if self.json {
             self.print_json(&skin, frames.len(), &checked)
@@ -86,26 +85,15 @@ impl Arguments {
     }
 
     fn text(&self, skin: &Skin, frames: usize, checked: &Checked) -> String {
-        let findings: Vec<FindingText<'_>> = checked.findings.iter().map(in_words).collect();
         let mut text = format!(
             "{}: {}, {}",
             skin.design().name,
             counted(frames, "frame"),
-            findings_text(&findings, &findings_table(checked), "no findings")
+            findings_text(&checked.findings, "no findings")
         );
         for path in [&self.realign, &self.output].into_iter().flatten() {
             let _ = writeln!(text, "written to {}", path.display());
         }
         text
-    }
-}
-
-/// A finding as it is printed.
-fn in_words(finding: &Finding) -> FindingText<'_> {
-    FindingText {
-        title: format!("{}, {}", finding.kind.name(), place(finding)),
-        severity: finding.severity,
-        evidence: &finding.evidence,
-        fix: &finding.fix,
     }
 }

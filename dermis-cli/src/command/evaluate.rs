@@ -1,6 +1,6 @@
 //! `dermis evaluate`: detected contacts against true touches.
 
-use crate::calibrated::{CalibratedEvaluation, force_line};
+use crate::calibrated::{CalibratedEvaluation, force_line, millimetres};
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::frames::{FrameArguments, images};
@@ -14,7 +14,6 @@ use dermis::contact::Contact;
 use dermis::frame::{Differences, Frame, Truth, frames_after_last_touch, read_truth};
 use dermis::geom::{Point2, Point3};
 use dermis::skin::Skin;
-use dermis::stats::Summary;
 use dermis::text::counted;
 use dermis_calibrate::Pose;
 use dermis_sim::evaluate::{Aligned, Alignment, Score, score_contacts};
@@ -265,14 +264,4 @@ fn table(skin: &str, score: &Score) -> String {
         millimetres(&score.localisation_m),
         millimetres(&score.eq11_m),
     )
-}
-
-/// A summary of distances in mm.
-fn millimetres(summary: &Summary) -> String {
-    if summary.mean.is_nan() {
-        return "no value".into();
-    }
-    let [mean, sd, median, p95] =
-        [summary.mean, summary.sd, summary.median, summary.p95].map(|value_m| value_m * 1000.0);
-    format!("{mean:.2} +- {sd:.2} mm, median {median:.2} mm, 95 % within {p95:.2} mm")
 }

@@ -5,14 +5,15 @@ use crate::failure::{Failure, Outcome};
 use crate::range::seed;
 use clap::Args;
 use dermis::design::SkinDesign;
+use dermis::files::NewFolder;
 use dermis::frame::{write_frames, write_truth, write_whole};
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::stats::upper_median;
+use dermis_plot::report::Table;
 use dermis_sim::experiment::{PaperExperiment, PressSet, Recording, Sizes, UNTOUCHED_FRAMES, truth};
 use dermis_sim::twin::TwinOptions;
 use dermis_sim::twin::electronics::ElectronicsReport;
-use dermis_study::report::Table;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -70,11 +71,11 @@ impl Arguments {
     pub fn run(self) -> Outcome {
         let design = SkinDesign::load(&self.design)?;
         let options = TwinOptions::load(&self.twin)?;
-        let folder = Folder::begin(&self.output)?;
-        let summary = self.record(&design, &options, folder.partial())?;
+        let folder = new_folder(&self.output)?;
+        let summary = self.record(&design, &options, &folder.path())?;
         let text = serde_json::to_string_pretty(&summary).map_err(|error| Failure::Ours(error.to_string()))?;
-        write_whole(&folder.partial().join("experiment.json"), |out| writeln!(out, "{text}"))?;
-        folder.finish()?;
+        write_whole(&folder.path().join("experiment.json"), |out| writeln!(out, "{text}"))?;
+        folder.finish().map_err(|error| not_made(&self.output, &error))?;
         if self.json { print_json(&summary) } else { print(&self.summary(&summary)) }
     }
 
@@ -151,12 +152,10 @@ fn write_set(folder: &Path, design: &SkinDesign, set: &PressSet, recording: &Rec
 
 impl SetSummary {
     fn new(design: &SkinDesign, set: &PressSet, recording: &Recording) -> Self {
-        let channels = design.protocol.channels().iter().enumerate();
-        let undriven: Vec<usize> = channels.filter(|(_, one)| !one.touches_driven()).map(|(index, _)| index).collect();
-        let norm = |value: &dyn Fn(usize) -> f64| undriven.iter().map(|&i| value(i).powi(2)).sum::<f64>().sqrt();
-        let baseline = &recording.baseline;
-        let rest = norm(&|i| baseline[i]);
-        let changes: Vec<f64> = recording.frames.iter().map(|frame| norm(&|i| frame[i] - baseline[i]) / rest).collect();
+        let (protocol, baseline) = (&design.protocol, &recording.baseline);
+        let rest = protocol.undriven_rms(baseline);
+        let changes: Vec<f64> =
+            recording.frames.iter().map(|frame| protocol.undriven_rms(&(frame - baseline)) / rest).collect();
         let forces = || set.presses.iter().flatten().map(|press| press.force_n);
         SetSummary {
             name: set.name,
@@ -170,48 +169,21 @@ impl SetSummary {
     }
 }
 
-/// A folder that is renamed into place when it is complete.
-struct Folder {
-    path: PathBuf,
-    partial: PathBuf,
-}
-
-impl Folder {
-    fn begin(path: &Path) -> Outcome<Self> {
-        let taken = std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()) || path.is_file();
-        if taken {
-            let message = format!("{} exists and is not empty", path.display());
-            return Err(Failure::given(message, Some("give another folder with -o, or remove this one")));
-        }
-        let mut name = path.file_name().unwrap_or_default().to_os_string();
-        name.push(format!(".part-{}", std::process::id()));
-        let partial = path.with_file_name(name);
-        make_folder(&partial)?;
-        Ok(Folder { path: path.to_path_buf(), partial })
+/// A new folder for a place that is free, or an empty folder.
+fn new_folder(path: &Path) -> Outcome<NewFolder> {
+    let taken = std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()) || path.is_file();
+    if taken {
+        let message = format!("{} exists and is not empty", path.display());
+        return Err(Failure::given(message, Some("give another folder with -o, or remove this one")));
     }
-
-    fn partial(&self) -> &Path {
-        &self.partial
-    }
-
-    fn finish(self) -> Outcome {
-        // An empty folder of that name is replaced.
-        let _ = std::fs::remove_dir(&self.path);
-        std::fs::rename(&self.partial, &self.path).map_err(|error| {
-            let message = format!("{} cannot be renamed to {}: {error}", self.partial.display(), self.path.display());
-            Failure::given(message, None)
-        })
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        // Removes a partial folder after an error; after a success it no longer exists.
-        let _ = std::fs::remove_dir_all(&self.partial);
-    }
+    path.parent().map_or(Ok(()), make_folder)?;
+    NewFolder::beside(path).map_err(|error| not_made(path, &error))
 }
 
 fn make_folder(path: &Path) -> Outcome {
-    std::fs::create_dir_all(path)
-        .map_err(|error| Failure::given(format!("the folder {} cannot be created: {error}", path.display()), None))
+    std::fs::create_dir_all(path).map_err(|error| not_made(path, &error))
+}
+
+fn not_made(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::given(format!("the folder {} cannot be created: {error}", path.display()), None)
 }

@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use dermis::design::{Body, SheetKind, SkinDesign};
 use dermis::fit::{Contacts, Determination, Fit, FitOptions, FittedQuantity, Misfit, Offset, Quantity, fit};
 use dermis::frame::{read_frames_without, write_whole};
-use dermis_study::report::Table;
+use dermis_plot::report::Table;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

@@ -25,7 +25,7 @@ pub struct Value {
 
 impl Value {
     /// Standard deviations from the design's value to the limits.
-    pub const LIMIT: f64 = 3.0;
+    pub(crate) const LIMIT: f64 = 3.0;
 
     fn new(nominal: f64, variance: f64) -> Self {
         Value { nominal, sd: variance.sqrt(), amplitude_only: false }
@@ -99,7 +99,7 @@ impl Sensitivities {
     }
 
     /// The circuit of this resistance between the driven electrodes.
-    pub fn in_loop(&self, electronics: &ElectronicsOptions) -> Loop {
+    pub(crate) fn in_loop(&self, electronics: &ElectronicsOptions) -> Loop {
         Loop {
             loop_ohm: electronics.reference_ohm + 2.0 * electronics.on_resistance_ohm + self.ohm,
             skin: self.clone(),

@@ -1,37 +1,24 @@
 //! Parts of a page.
 
-use crate::sheet::escaped;
-
-/// A column of a table: its title, and whether it holds numbers.
-pub(super) type Column = (&'static str, bool);
+use dermis::text::{decimal, escaped};
+use dermis_plot::report::Table;
 
 /// A table. The cells are text, not markup.
-pub(super) fn table(columns: &[Column], rows: &[Vec<String>]) -> String {
-    let class = |number: bool| if number { " class=\"number\"" } else { "" };
-    let head: String =
-        columns.iter().map(|(title, number)| format!("<th{}>{}</th>", class(*number), escaped(title))).collect();
-    let row = |cells: &Vec<String>| {
-        let cells: String = cells
-            .iter()
-            .zip(columns)
-            .map(|(cell, (_, number))| format!("<td{}>{}</td>", class(*number), escaped(cell)))
-            .collect();
-        format!("<tr>{cells}</tr>\n")
-    };
-    let rows: String = rows.iter().map(row).collect();
-    format!("<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody>\n</table>\n")
+pub(super) fn table<const N: usize>(columns: [&str; N], rows: impl Iterator<Item = [String; N]>) -> Table {
+    let mut table = Table::new(&columns);
+    rows.for_each(|row| table.row(row));
+    table
 }
 
 /// A table in two halves side by side, for narrow rows.
-pub(super) fn table_in_halves(columns: &[Column], rows: &[Vec<String>]) -> String {
-    let half = rows.len().div_ceil(2).max(1);
-    let halves: String = rows.chunks(half).map(|rows| table(columns, rows)).collect();
-    format!("<div class=\"columns\">\n{halves}</div>\n")
-}
-
-/// A picture (markup) with its caption (text).
-pub(super) fn figure(picture: &str, caption: &str) -> String {
-    format!("<figure>\n{picture}\n<figcaption>{}</figcaption>\n</figure>\n", escaped(caption))
+pub(super) fn in_halves(table: &Table) -> String {
+    let half = table.rows.len().div_ceil(2).max(1);
+    let halves = table.rows.chunks(half).map(|rows| {
+        let mut part = table.clone();
+        part.rows = rows.to_vec();
+        part.to_html()
+    });
+    format!("<div class=\"columns\">\n{}</div>\n", halves.collect::<String>())
 }
 
 /// Things to do, in order; each is markup.
@@ -68,7 +55,5 @@ pub(super) fn rounded(value: f64, decimals: usize) -> String {
 
 /// A length in mm with at most three decimals.
 pub(super) fn mm(length_m: f64) -> String {
-    let text = format!("{:.3}", 1e3 * length_m);
-    let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" { "0".into() } else { text.into() }
+    decimal(1e3 * length_m, 3)
 }

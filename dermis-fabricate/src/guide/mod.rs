@@ -9,7 +9,8 @@ mod wiring;
 use crate::error::FabricateError;
 use crate::folder::OutputFile;
 use crate::model::Fabrication;
-use crate::sheet::escaped;
+use dermis::text::escaped;
+use dermis_plot::report::document;
 
 /// The guide.
 ///
@@ -21,7 +22,7 @@ pub fn files(fabrication: &Fabrication) -> Result<Vec<OutputFile>, FabricateErro
 
 /// The page: one file without references to others.
 fn page(fabrication: &Fabrication) -> Result<String, FabricateError> {
-    let name = escaped(&fabrication.design.name);
+    let title = format!("Building {}", fabrication.design.name);
     let parts = [
         steps::overview(fabrication)?,
         steps::parts(fabrication)?,
@@ -33,13 +34,8 @@ fn page(fabrication: &Fabrication) -> Result<String, FabricateError> {
         steps::test(fabrication)?,
         steps::robot(fabrication),
     ];
-    Ok(format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>Building {name}</title>\n\
-         <style>\n{}</style>\n</head>\n<body>\n<h1>Building {name}</h1>\n{}</body>\n</html>\n",
-        include_str!("style.css"),
-        parts.concat()
-    ))
+    let body = format!("<h1>{}</h1>\n{}", escaped(&title), parts.concat());
+    Ok(document(&title, include_str!("style.css"), &body))
 }
 
 #[cfg(test)]

@@ -1,13 +1,14 @@
 //! The steps and what they need, in words, tables and pictures.
 
-use super::html::{code, figure, list, marked, mm, rounded, section, table, table_in_halves};
+use super::html::{code, in_halves, list, marked, mm, rounded, section, table};
 use super::pictures;
 use crate::electrical;
 use crate::error::FabricateError;
 use crate::model::Fabrication;
 use crate::notes::notes;
-use crate::sheet::escaped;
 use dermis::design::{Body, ElectrodeShape, SkinDesign};
+use dermis::text::escaped;
+use dermis_plot::report::figure;
 
 pub(super) fn overview(fabrication: &Fabrication) -> Result<String, FabricateError> {
     let (design, options) = (&fabrication.design, &fabrication.options);
@@ -36,7 +37,7 @@ pub(super) fn overview(fabrication: &Fabrication) -> Result<String, FabricateErr
         ("Readings", format!("{} in a frame", electrical.readings.len())),
         ("Frames", format!("{:.0} a second", electrical.frame_rate_hz())),
     ];
-    let rows: Vec<Vec<String>> = rows.into_iter().map(|(what, value)| vec![what.to_string(), value]).collect();
+    let rows = rows.into_iter().map(|(what, value)| [what.to_string(), value]);
     let warnings: String =
         notes(fabrication).iter().map(|note| format!("<p class=\"note\">Note: {}</p>\n", marked(note))).collect();
     let caption = "The skin: electrodes with their numbers, seen from enough sides to show all of them.";
@@ -45,7 +46,7 @@ pub(super) fn overview(fabrication: &Fabrication) -> Result<String, FabricateErr
          named here are in the folder of this page; {} lists them.</p>\n{}{warnings}{}",
         env!("CARGO_PKG_VERSION"),
         code("manifest.json"),
-        table(&[("Property", false), ("Value", false)], &rows),
+        table(["Property", "Value"], rows).to_html(),
         figure(&pictures::skin(fabrication)?, caption)
     ))
 }
@@ -54,15 +55,13 @@ pub(super) fn parts(fabrication: &Fabrication) -> Result<String, FabricateError>
     let parts = electrical::parts(fabrication)?;
     let row = |one: &electrical::Part| {
         let quantity = electrical::amount(one.quantity, one.unit);
-        vec![one.part.clone(), one.kind.clone(), quantity, one.unit.into(), one.purpose.into()]
+        [one.part.clone(), one.kind.clone(), quantity, one.unit.into(), one.purpose.into()]
     };
-    let rows: Vec<Vec<String>> = parts.iter().map(row).collect();
-    let columns = [("Part", false), ("Type", false), ("Quantity", true), ("Unit", false), ("For", false)];
     let text = format!(
         "<p>Quantities are those of the design ({}); add what is cut away and lost. Silver paste, glue, filler and tools are \
          not listed.</p>\n{}",
         code("tables/parts.csv"),
-        table(&columns, &rows)
+        table(["Part", "Type", "Quantity", "Unit", "For"], parts.iter().map(row)).to_html()
     );
     Ok(section("Parts and materials", &text, true))
 }
@@ -112,15 +111,14 @@ pub(super) fn electrodes(fabrication: &Fabrication) -> String {
     let places = |[x, y, z]: [f64; 3]| [x, y, z].map(|value| rounded(1e3 * value, 1));
     let row = |one: &crate::model::FabricatedElectrode| {
         let [x, y, z] = places(one.bore.centre_m);
-        vec![one.label.clone(), x, y, z]
+        [one.label.clone(), x, y, z]
     };
-    let rows: Vec<Vec<String>> = fabrication.electrodes.iter().map(row).collect();
-    let columns = [("Electrode", false), ("x, mm", true), ("y, mm", true), ("z, mm", true)];
+    let places = table(["Electrode", "x, mm", "y, mm", "z, mm"], fabrication.electrodes.iter().map(row));
     let text = format!(
         "{}<p>Places of the bores on the outer side; {} has them with the normals.</p>\n{}",
         list(&steps),
         code("tables/electrodes.csv"),
-        table_in_halves(&columns, &rows)
+        in_halves(&places)
     );
     section("2. Electrodes", &text, false)
 }
@@ -225,13 +223,11 @@ pub(super) fn test(fabrication: &Fabrication) -> Result<String, FabricateError> 
             None => "reference resistor".into(),
         };
         let [low, high] = one.volt.limits();
-        let volts = [low, one.volt.nominal, high].map(|value| rounded(1e3 * value, 2));
-        [vec![slot.to_string(), between], volts.to_vec()].concat()
+        let [low, nominal, high] = [low, one.volt.nominal, high].map(|value| rounded(1e3 * value, 2));
+        [slot.to_string(), between, low, nominal, high]
     };
     let of_first = electrical.readings.iter().enumerate().filter(|(_, one)| one.slot.drive == first);
-    let rows: Vec<Vec<String>> = of_first.take(SHOWN).map(row).collect();
-    let columns =
-        [("Slot", true), ("Between", false), ("Least, mV", true), ("Expected, mV", true), ("Greatest, mV", true)];
+    let columns = ["Slot", "Between", "Least, mV", "Expected, mV", "Greatest, mV"];
     let design = argument(&fabrication.design);
     let port = "--source serial:/dev/ttyACM0";
     let commands = format!(
@@ -252,7 +248,7 @@ pub(super) fn test(fabrication: &Fabrication) -> Result<String, FabricateError> 
         label(first[1]),
         electrical.electronics.source_v,
         electrical.electronics.reference_ohm,
-        table(&columns, &rows),
+        table(columns, of_first.take(SHOWN).map(row)).to_html(),
         escaped(&commands)
     );
     Ok(section("6. First test", &text, true))

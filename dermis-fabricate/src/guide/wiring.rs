@@ -1,11 +1,12 @@
 //! The step of wiring: a diagram of the multiplexers and the tables of their inputs and pins.
 
-use super::html::{self, code, figure, list, table, table_in_halves};
+use super::html::{self, code, in_halves, list, table};
 use crate::electrical::Electrical;
 use crate::error::FabricateError;
 use crate::model::Fabrication;
-use crate::sheet::escaped;
 use dermis::protocol::MultiplexerInput;
+use dermis::text::escaped;
+use dermis_plot::report::figure;
 use std::fmt::Write as _;
 
 /// The lines in the order of the diagram: name, and what the common pin of its multiplexer is joined to.
@@ -59,15 +60,14 @@ pub(super) fn section(fabrication: &Fabrication) -> Result<String, FabricateErro
 
 fn inputs(fabrication: &Fabrication, electrical: &Electrical) -> String {
     let row = |(one, place): (&crate::model::FabricatedElectrode, &MultiplexerInput)| {
-        vec![one.label.clone(), place.multiplexer.to_string(), place.input.to_string(), String::new()]
+        [one.label.clone(), place.multiplexer.to_string(), place.input.to_string(), String::new()]
     };
-    let rows: Vec<Vec<String>> = fabrication.electrodes.iter().zip(&electrical.places).map(row).collect();
-    let columns = [("Electrode", false), ("Multiplexer", true), ("Input", true), ("Checked", false)];
-    format!("<h3>Inputs</h3>\n{}", table_in_halves(&columns, &rows))
+    let rows = fabrication.electrodes.iter().zip(&electrical.places).map(row);
+    format!("<h3>Inputs</h3>\n{}", in_halves(&table(["Electrode", "Multiplexer", "Input", "Checked"], rows)))
 }
 
 fn controller(fabrication: &Fabrication) -> String {
-    let rows: Vec<Vec<String>> = PINS.iter().map(|(pin, to)| vec![pin.to_string(), to.to_string()]).collect();
+    let rows = PINS.iter().map(|(pin, to)| [pin.to_string(), to.to_string()]);
     let more = match fabrication.electrodes.len() > MOST_OF_PICO {
         true => format!(
             "<p class=\"note\">Note: this controller's firmware reads up to {MOST_OF_PICO} electrodes with one multiplexer a \
@@ -80,7 +80,7 @@ fn controller(fabrication: &Fabrication) -> String {
         }
         false => String::new(),
     };
-    format!("<h3>Pins of the controller</h3>\n{more}{}", table(&[("Pins", false), ("To", false)], &rows))
+    format!("<h3>Pins of the controller</h3>\n{more}{}", table(["Pins", "To"], rows).to_html())
 }
 
 /// Places of the diagram, mm.

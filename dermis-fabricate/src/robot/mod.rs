@@ -5,7 +5,7 @@ mod views;
 use crate::error::FabricateError;
 use crate::folder::OutputFile;
 use crate::model::{FabricatedElectrode, Fabrication};
-use crate::sheet::escaped;
+use dermis::text::escaped;
 use std::fmt::Write as _;
 
 /// The base and its electrodes for a robot's model, and views for ROS 2 and Foxglove.

@@ -13,6 +13,7 @@ use crate::model::Fabrication;
 use crate::outline::Outline;
 use dermis::geom::Point2;
 use dermis::geom::vector::bounding_box;
+use dermis::text::decimal;
 use std::fmt::Write as _;
 
 /// A layer: the outlines of one operation.
@@ -128,14 +129,7 @@ fn furniture([x, y]: Point2, kerf_m: f64, labels: &mut Vec<Label>) -> [Layer; 2]
 
 /// A length in mm with at most seven decimals: tenths of a nanometre.
 pub(crate) fn mm(length_m: f64) -> String {
-    let text = format!("{:.7}", 1e3 * length_m);
-    let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" { "0".into() } else { text.into() }
-}
-
-/// A text with the characters that XML reserves written as entities.
-pub(crate) fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    decimal(1e3 * length_m, 7)
 }
 
 /// A text in ASCII, as every reader of DXF knows it.

@@ -1,8 +1,9 @@
 //! SVG with its size and its coordinates in mm, y down.
 
 use crate::outline::Outline;
-use crate::sheet::{FURNITURE, Label, Layer, Sheet, escaped, mm};
+use crate::sheet::{FURNITURE, Label, Layer, Sheet, mm};
 use dermis::geom::vector::bounding_box;
+use dermis::text::escaped;
 use std::fmt::Write as _;
 
 /// Width of a line, mm: cutters read it as a hairline.

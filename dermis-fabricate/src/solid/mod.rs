@@ -57,7 +57,7 @@ impl Solid {
     }
 
     /// Corners of a triangle, mm.
-    pub fn triangle_mm(&self, triangle: usize) -> [Point3; 3] {
+    pub(crate) fn triangle_mm(&self, triangle: usize) -> [Point3; 3] {
         self.triangles[triangle].map(|corner| self.corners_mm[corner as usize].map(f64::from))
     }
 

@@ -38,7 +38,7 @@ fn archive(model: &str) -> zip::result::ZipResult<Vec<u8>> {
 fn model(solid: &Solid, name: &str) -> String {
     let mut text = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
     text += "<model unit=\"millimeter\" xml:lang=\"en\" xmlns=\"http://schemas.microsoft.com/3dmanufacturing/core/2015/02\">\n";
-    let _ = writeln!(text, "<metadata name=\"Title\">{}</metadata>", crate::sheet::escaped(name));
+    let _ = writeln!(text, "<metadata name=\"Title\">{}</metadata>", dermis::text::escaped(name));
     text += "<resources><object id=\"1\" type=\"model\"><mesh><vertices>\n";
     for [x, y, z] in &solid.corners_mm {
         let _ = writeln!(text, "<vertex x=\"{x}\" y=\"{y}\" z=\"{z}\"/>");

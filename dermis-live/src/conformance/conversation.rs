@@ -1,11 +1,13 @@
 //! The conversation: its steps, what each expects, and what was wrong.
 
 use super::exchange::Exchange;
-use super::transcript::{Transcript, sha256};
+use super::transcript::Transcript;
 use crate::LiveError;
 use crate::device::{Address, ScanTable};
 use dermis::design::SkinDesign;
-use dermis::text::printable;
+use dermis::files::sha256;
+use dermis::finding::{Finding, FindingKind};
+use dermis::text::{hexadecimal, printable};
 use dermis_wire::{Fault, FaultCode, Frame, FrameFlags, Hello, ScanPart, Slot, Slots, ToDevice, ToHost, VERSION};
 use serde::Serialize;
 use std::time::{Duration, Instant};
@@ -21,22 +23,15 @@ pub struct ConformanceOptions {
     pub patience: Duration,
 }
 
-/// A step of the conversation.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Step {
-    /// What was tested.
-    pub name: &'static str,
-    /// What was wrong; `None` if nothing was.
-    pub problem: Option<String>,
-}
-
 /// The result of a conversation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Conformance {
     /// The name of the device.
     pub device: String,
-    /// The steps in order. After one with a problem that leaves nothing to test, no others follow.
-    pub steps: Vec<Step>,
+    /// The names of the steps that were taken, in order. After one with a finding no others follow.
+    pub steps: Vec<&'static str>,
+    /// How the device departs from the protocol; empty for one that conforms.
+    pub findings: Vec<Finding>,
     /// Frames that arrived, and frames that did not.
     pub frames: usize,
     /// Missing frames among them.
@@ -51,13 +46,6 @@ pub struct Conformance {
     /// The readings of the frames, counts.
     #[serde(skip)]
     pub readings: Vec<Vec<i32>>,
-}
-
-impl Conformance {
-    /// Whether every step was passed.
-    pub fn passed(&self) -> bool {
-        self.steps.iter().all(|step| step.problem.is_none())
-    }
 }
 
 /// Talks to a device and checks its answers.
@@ -83,24 +71,27 @@ pub fn check_device(
         times_us: Vec::new(),
         lost: 0,
     };
-    let mut steps = Vec::new();
+    let (mut steps, mut findings) = (Vec::new(), Vec::new());
     for (name, step) in STEPS {
-        let problem = match step(&mut talk, name) {
-            Ok(()) => None,
-            Err(Problem::Wrong(problem)) => Some(problem),
+        steps.push(name);
+        match step(&mut talk, name) {
+            Ok(()) => {}
+            Err(Problem::Wrong(evidence)) => {
+                let found = Finding::new(FindingKind::WireProtocol, f64::NAN, evidence, FIX);
+                findings.push(Finding { step: Some(name), ..found });
+                // What follows would fail for the same reason.
+                break;
+            }
             Err(Problem::Live(error)) => return Err(*error),
-        };
-        let ends = problem.is_some();
-        steps.push(Step { name, problem });
-        if ends {
-            // What follows would fail for the same reason.
-            break;
         }
     }
     // The device is left stopped.
     let _ = talk.exchange.send(&ToDevice::Stop);
-    Ok(talk.result(steps))
+    Ok(talk.result(steps, findings))
 }
+
+/// What to do about a device that departs from the protocol.
+const FIX: &str = "compare its firmware with docs/wire-protocol.md";
 
 type StepFunction = fn(&mut Conversation<'_>, &'static str) -> Result<(), Problem>;
 
@@ -149,7 +140,7 @@ struct Conversation<'a> {
 }
 
 impl Conversation<'_> {
-    fn result(self, steps: Vec<Step>) -> Conformance {
+    fn result(self, steps: Vec<&'static str>, findings: Vec<Finding>) -> Conformance {
         let rate_hz = match self.times_us[..] {
             [first, .., last] if last > first => Some((self.times_us.len() - 1) as f64 / (last - first) as f64 * 1e6),
             _ => None,
@@ -158,10 +149,11 @@ impl Conversation<'_> {
         Conformance {
             device: self.device,
             steps,
+            findings,
             frames: self.readings.len(),
             lost: self.lost,
             rate_hz,
-            transcript_sha256: sha256(&transcript),
+            transcript_sha256: hexadecimal(&sha256(transcript.as_bytes())),
             transcript,
             readings: self.readings,
         }

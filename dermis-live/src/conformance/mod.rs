@@ -7,5 +7,5 @@ mod exchange;
 mod readings;
 mod transcript;
 
-pub use conversation::{Conformance, ConformanceOptions, Step, check_device};
+pub use conversation::{Conformance, ConformanceOptions, check_device};
 pub use readings::write_readings;

@@ -1,8 +1,7 @@
 //! The transcript of a conversation: the messages of the device, with the fields that are its own set to zero.
 
+use dermis::text::hexadecimal;
 use dermis_wire::{Frame, Hello, Status, ToHost};
-use sha2::{Digest, Sha256};
-use std::fmt::Write;
 
 /// Messages in the order of the conversation, a line each.
 #[derive(Debug, Default)]
@@ -38,20 +37,11 @@ impl Transcript {
         };
         let mut packet = vec![0; ROOM];
         let length = message.encode(&mut packet).expect("the packet fits into the bytes that it takes at most");
-        let _ = write!(self.text, "{step}: ");
-        packet[..length].iter().for_each(|byte| {
-            let _ = write!(self.text, "{byte:02x}");
-        });
-        self.text.push('\n');
+        self.text += &format!("{step}: {}\n", hexadecimal(&packet[..length]));
     }
 
     /// The lines.
     pub(super) fn into_text(self) -> String {
         self.text
     }
-}
-
-/// SHA-256 of a transcript, hexadecimal.
-pub(super) fn sha256(text: &str) -> String {
-    Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -6,7 +6,7 @@ use crate::device::{DeviceOptions, READ_BYTES, SILENCE};
 use crate::device::{Role, ScanTable};
 use dermis::pipeline::{Notice, Severity};
 use dermis::skin::Skin;
-use dermis::text::{counted, printable};
+use dermis::text::{counted, hexadecimal, printable};
 use dermis_wire::{
     Decoder, Fault, FaultCode, Frame, FrameFlags, Hello, Received, ScanPart, Slot, ToDevice, ToHost, VERSION,
     test_reading,
@@ -296,7 +296,7 @@ fn check(
         return Err(format!("it is a skin of {device} electrodes, but `{}` has {skin}", design.name));
     }
     if hello.design_sha256 != design.sha256() {
-        let short = |hash: &[u8; 32]| hash[..4].iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+        let short = |hash: &[u8; 32]| hexadecimal(&hash[..4]);
         return Err(format!(
             "it is another skin than `{}` (its design's hash begins with {}, this one's with {}): give the design that its \
              firmware was made for (`dermis scan-table`)",

@@ -4,6 +4,7 @@ use crate::recording::read::{Messages, ReadItem};
 use crate::recording::walk::End;
 use crate::recording::{RecordError, Session, npz};
 use crate::sinks::ros2::{self as ros, CONTACT_FIELDS, Image, PointCloud2, Topic};
+use dermis::files::NewFolder;
 use dermis::text::counted;
 use serde::Serialize;
 use std::fs::File;
@@ -41,19 +42,11 @@ pub fn convert(path: &Path, folder: &Path) -> Result<Converted, RecordError> {
         return Err(RecordError::Exists { path: folder.to_path_buf() });
     }
     let io = |source| RecordError::io(folder, source);
-    let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".dermis-");
-    // Temporary folders are private by default; the result gets the permissions of any other new folder.
-    #[cfg(unix)]
-    let builder = builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777));
-    let beside = builder.tempdir_in(parent).map_err(io)?;
-    let (mut converted, columns) = tables(path, beside.path())?;
+    let beside = NewFolder::beside(folder).map_err(io)?;
+    let (mut converted, columns) = tables(path, &beside.path())?;
     npz::write(path, &beside.path().join("recording.npz"), &converted, &columns)?;
     converted.contacts = columns.contact_frames.len();
-    std::fs::rename(beside.path(), folder).map_err(io)?;
-    // The folder was renamed: nothing is left to remove.
-    let _ = beside.keep();
+    beside.finish().map_err(io)?;
     Ok(converted)
 }
 

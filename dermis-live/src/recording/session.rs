@@ -35,7 +35,7 @@ impl Session {
             ("version", self.version.clone()),
             ("options", self.options.to_string()),
             ("state", self.state.to_string()),
-            ("hello", crate::recording::event::to_hex(&self.hello)),
+            ("hello", dermis::text::hexadecimal(&self.hello)),
         ];
         let metadata: BTreeMap<String, String> = entries.map(|(key, value)| (key.to_owned(), value)).into();
         Metadata { name: NAME.into(), metadata }

@@ -5,6 +5,7 @@
 //! SHA-256 of its values.
 
 use crate::dataset::DatasetError;
+use dermis::text::hexadecimal;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -36,11 +37,6 @@ pub(super) struct Label {
     pub first_sample: u64,
     /// SHA-256 of all bytes after the header.
     pub sha256: String,
-}
-
-/// Hexadecimal digits of a digest.
-pub(super) fn hex(digest: impl IntoIterator<Item = u8>) -> String {
-    digest.into_iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// The header of some tensors, padded so that the values start at a multiple of eight bytes.
@@ -86,7 +82,7 @@ pub(super) fn write(path: &Path, tensors: &[Tensor], label: &Label) -> std::io::
         digest.update(&bytes);
         file.write_all(&bytes)?;
     }
-    let header = header(&shapes, &Label { sha256: hex(digest.finalize()), ..label.clone() });
+    let header = header(&shapes, &Label { sha256: hexadecimal(&digest.finalize()), ..label.clone() });
     file.seek(SeekFrom::Start(0))?;
     file.write_all(&(length as u64).to_le_bytes())?;
     file.write_all(&header)?;
@@ -164,7 +160,7 @@ impl Reader {
 
     /// The SHA-256 of the file after all values have been read; `None` if they do not have the checksum in the header.
     pub(super) fn sha256(self) -> Option<String> {
-        (hex(self.digest.finalize()) == self.label.sha256).then(|| hex(self.whole.finalize()))
+        (hexadecimal(&self.digest.finalize()) == self.label.sha256).then(|| hexadecimal(&self.whole.finalize()))
     }
 }
 
@@ -208,7 +204,7 @@ mod tests {
             let mut values = vec![0.0; 27];
             reader.read(&mut values).unwrap();
             assert_eq!(values[..12], tensors[0].values[..]);
-            assert_eq!(reader.sha256().unwrap(), hex(Sha256::digest(&whole)));
+            assert_eq!(reader.sha256().unwrap(), hexadecimal(&Sha256::digest(&whole)));
             Ok::<bool, DatasetError>(values[12..].iter().all(|value| value.is_nan()))
         };
         assert!(read(&label).unwrap());

@@ -1,14 +1,14 @@
 //! The record of a dataset, written into its folder at the start.
 
 use crate::dataset::error::DatasetError;
-use crate::dataset::file::{Label, Tensor, hex};
+use crate::dataset::file::{Label, Tensor};
 use crate::dataset::generator::Generator;
 use crate::dataset::recipe::{Recipe, Touch};
 use crate::dataset::sample::TOUCH_COLUMNS;
 use dermis::linalg::SimdLevel;
+use dermis::text::hexadecimal;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 
 /// Number of samples per file, for any total number: the last file may contain fewer.
@@ -228,7 +228,7 @@ pub(super) fn file_name(file: u64) -> String {
 }
 
 pub(super) fn sha256(bytes: &[u8]) -> String {
-    hex(Sha256::digest(bytes))
+    hexadecimal(&dermis::files::sha256(bytes))
 }
 
 fn tensor_records(generator: &Generator) -> Vec<TensorRecord> {

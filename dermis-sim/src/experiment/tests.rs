@@ -92,14 +92,7 @@ fn the_baseline_is_ten_times_quieter_than_a_frame_and_a_press_is_seen() {
     let bench = Bench::new("cylinder30");
     let twin = bench.twin("lab");
     let clean = twin.clean(&[]).expect("a frame");
-    let undriven: Vec<usize> = (bench.design.protocol.channels().iter().enumerate())
-        .filter(|(_, channel)| !channel.touches_driven())
-        .map(|(index, _)| index)
-        .collect();
-    let rms = |frame: &Frame| {
-        let squares: f64 = undriven.iter().map(|&index| (frame[index] - clean[index]).powi(2)).sum();
-        (squares / undriven.len() as f64).sqrt()
-    };
+    let rms = |frame: &Frame| bench.design.protocol.undriven_rms(&(frame - &clean));
     let press = bench.presses(8).at_random(1).presses.remove(0);
     let recording = record(&twin, &[vec![], press], 0, || ()).expect("a recording");
     let (baseline, untouched, touched) =

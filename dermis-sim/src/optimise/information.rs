@@ -1,7 +1,6 @@
 //! The information of the readings of a layout about a weak press.
 
 use super::touch::PARAMETERS;
-use crate::noise::undriven_rms;
 use dermis::linalg::Matrix;
 use dermis::protocol::{Channel, Protocol};
 use pulp::{Simd, WithSimd};
@@ -71,7 +70,7 @@ impl Readings {
         };
         let values_ohm: Vec<f64> = self.channels().iter().map(value).collect();
         let Instrument { signal_to_noise, reference_ohm, .. } = self.instrument;
-        let sd_ohm = undriven_rms(&self.protocol, &values_ohm).unwrap_or(0.0) / signal_to_noise;
+        let sd_ohm = self.protocol.undriven_rms(&values_ohm).max(0.0) / signal_to_noise;
         let mut scales = vec![reference_ohm * reference_ohm; self.drive_count];
         self.drive_of.iter().zip(&values_ohm).for_each(|(&drive, value)| scales[drive] += value * value);
         Rest { values_ohm, sd_ohm, scales }

@@ -282,10 +282,8 @@ fn drift_begins_at_nothing_and_ends_at_its_amplitude() {
     assert!(relative(&frame(0), &clean) < 1e-9);
     let (middle, late, later) = (frame(1200), frame(120_000), frame(240_000));
     assert!(relative(&late, &later) < 1e-9 && relative(&late, &clean) > 1e-4);
-    let undriven = |frame: &Frame| {
-        let channels = twin.design().protocol.channels().iter();
-        frame.iter().zip(channels).filter(|(_, c)| !c.touches_driven()).map(|(v, _)| *v).collect::<Vec<f64>>()
-    };
+    let undriven =
+        |frame: &Frame| twin.design().protocol.undriven().map(|channel| frame[channel]).collect::<Vec<f64>>();
     // Values without a driven electrode depend only on the coating: after one time constant 63 % of the change.
     let share = |frame: &Frame| undriven(&clean)[5] / undriven(frame)[5] - 1.0;
     assert!((share(&middle) / share(&late) - (1.0 - (-1f64).exp())).abs() < 1e-6);

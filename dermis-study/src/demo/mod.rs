@@ -10,9 +10,10 @@ mod page;
 mod presses;
 mod tank;
 
-use crate::report::{Report, to_json};
+use crate::to_json;
 use crate::{Error, Progress, Result, StudyOutput};
-use dermis::frame::write_whole;
+use dermis_plot::report::Report;
+use dermis_sim::evaluate::Score;
 use presses::Demo;
 use serde::Serialize;
 use std::path::Path;
@@ -48,7 +49,7 @@ pub fn presses(output: &Path, seed: u64, progress: &dyn Progress) -> Result<Stud
         presses::CAVEAT,
         output.display()
     );
-    Ok(StudyOutput { text, json: to_json(&Summary { demo: &demo, report: output })? })
+    Ok(StudyOutput { text, json: to_json(&Summary::of(&demo, output))? })
 }
 
 /// Localises the objects in recordings of a real saline tank, and writes the report page.
@@ -64,35 +65,31 @@ fn write_page(path: &Path, report: &Report) -> Result<()> {
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         std::fs::create_dir_all(folder).map_err(|source| Error::Folder { folder: folder.to_path_buf(), source })?;
     }
-    Ok(write_whole(path, |writer| writer.write_all(report.to_html().as_bytes()))?)
+    Ok(report.write(path)?)
 }
 
+/// The demonstration as JSON.
+#[derive(Serialize)]
 struct Summary<'a> {
-    demo: &'a Demo,
+    #[serde(flatten)]
+    score: &'a Score,
+    simulated: bool,
+    seed: u64,
+    snr_db: f64,
+    touch_amplitude: f64,
+    touch_width_m: f64,
+    simulation_nodes: usize,
+    reconstruction_nodes: usize,
+    seconds: f64,
+    methods: Vec<&'a Score>,
+    paper_linear_measured: PaperRow,
+    paper_network_measured: PaperRow,
     report: &'a Path,
 }
 
-impl Serialize for Summary<'_> {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        #[derive(Serialize)]
-        struct Flat<'a> {
-            #[serde(flatten)]
-            score: &'a dermis_sim::evaluate::Score,
-            simulated: bool,
-            seed: u64,
-            snr_db: f64,
-            touch_amplitude: f64,
-            touch_width_m: f64,
-            simulation_nodes: usize,
-            reconstruction_nodes: usize,
-            seconds: f64,
-            methods: Vec<&'a dermis_sim::evaluate::Score>,
-            paper_linear_measured: PaperRow,
-            paper_network_measured: PaperRow,
-            report: &'a Path,
-        }
-        let demo = self.demo;
-        Flat {
+impl<'a> Summary<'a> {
+    fn of(demo: &'a Demo, report: &'a Path) -> Self {
+        Summary {
             score: &demo.first().score,
             simulated: true,
             seed: demo.seed,
@@ -105,8 +102,7 @@ impl Serialize for Summary<'_> {
             methods: demo.shown.iter().map(|shown| &shown.score).collect(),
             paper_linear_measured: PAPER_LINEAR,
             paper_network_measured: PAPER_NETWORK,
-            report: self.report,
+            report,
         }
-        .serialize(serializer)
     }
 }

@@ -4,9 +4,9 @@ use super::presses::{AMPLITUDE, CAVEAT, Demo, WIDTH_M};
 use crate::Result;
 use crate::comparison::Shown;
 use crate::plots::{LOCALISATION_CAPTION, Plots};
-use crate::report::Report;
 use dermis::text::counted;
 use dermis_plot::Scale;
+use dermis_plot::report::Report;
 
 /// The page of a demo.
 pub(super) fn report(demo: &Demo) -> Result<Report> {

@@ -1,7 +1,7 @@
 //! Measured frames of a saline tank: the objects in it, and their positions.
 
 use super::write_page;
-use crate::report::{Report, Table, to_json};
+use crate::to_json;
 use crate::{Result, StudyOutput};
 use dermis::design::SkinDesign;
 use dermis::frame::Frame;
@@ -11,6 +11,7 @@ use dermis::method::{Method, MethodOptions, Methods};
 use dermis::reconstruct::Quantity;
 use dermis::skin::Skin;
 use dermis::text::counted;
+use dermis_plot::report::{Report, Table};
 use dermis_plot::{Drawing, Picture, View};
 use dermis_sim::evaluate::{FoundObject, Material, TankObject, find_objects};
 use std::path::Path;

@@ -6,8 +6,8 @@ use super::stage::{Parts, Work};
 use super::training::gaussian_recipe;
 use crate::Result;
 use crate::comparison::Named;
-use crate::metrics::FIGURES;
 use crate::metrics::benchmark_frames;
+use crate::metrics::figures;
 use dermis::stats::mean;
 use dermis_sim::dataset::Generator;
 use dermis_sim::evaluate::{Benchmark, BenchmarkResult, CalibrationRun};
@@ -22,7 +22,7 @@ const EXPLAINED_SEED: u64 = 3002;
 pub(super) struct TwinFigures {
     /// The twin's seed.
     pub seed: u64,
-    /// Every figure of [`FIGURES`] by its key, SI units.
+    /// Every figure of [`figures`] by its key, SI units.
     pub figures: BTreeMap<String, Option<f64>>,
     /// Distance of two touches (m) and the fraction of resolved pairs.
     pub two_resolved: Vec<(f64, f64)>,
@@ -31,7 +31,7 @@ pub(super) struct TwinFigures {
 impl TwinFigures {
     fn of(result: &BenchmarkResult) -> Self {
         let finite = |value: f64| Some(value).filter(|value| value.is_finite());
-        let figures = FIGURES.iter().map(|figure| (figure.key.to_string(), finite((figure.of)(result))));
+        let figures = figures().map(|figure| (figure.key.to_string(), finite((figure.of)(result))));
         TwinFigures {
             seed: result.seed,
             figures: figures.collect(),
@@ -102,7 +102,7 @@ impl Benchmarked {
 
     /// A figure by its key: its mean over the twins and the worst twin, SI units; `NaN` if a twin has none.
     pub(super) fn figure(&self, key: &str) -> [f64; 2] {
-        let figure = FIGURES.iter().find(|figure| figure.key == key).expect("a figure of the list");
+        let figure = figures().find(|figure| figure.key == key).expect("a figure of the list");
         let values: Vec<f64> = self.twins.iter().map(|twin| twin.value(key)).collect();
         [mean(&values), figure.worst(&values)]
     }

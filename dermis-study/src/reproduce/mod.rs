@@ -32,7 +32,7 @@ pub use scale::Scale;
 pub use training::Step;
 
 use crate::comparison::{Named, shipped_networks};
-use crate::report::to_json;
+use crate::to_json;
 use crate::{Error, Progress, Result, StudyOutput};
 use bench::Bench;
 use benchmarked::Benchmarked;
@@ -128,10 +128,10 @@ impl Reproduction {
     }
 
     fn write(&self, found: &Results<'_>, schedule: &Schedule<'_>) -> Result<StudyOutput> {
-        let page = page::page(found, schedule.done())?.to_html();
+        let page = page::page(found, schedule.done())?;
         let json = to_json(&found.summary(schedule.done()))?;
         let index = self.output.join("index.html");
-        write_whole(&index, |out| out.write_all(page.as_bytes()))?;
+        page.write(&index)?;
         write_whole(&self.output.join("report.json"), |out| out.write_all(json.as_bytes()))?;
         let ours: Vec<&str> = found.assessed.iter().map(|one| one.name.as_str()).collect();
         let table = stated::table(&["paper: linear", "paper: network"], &ours, &stated::results(found));

@@ -7,11 +7,11 @@ use super::stage::{Done, time};
 use super::stated::{facts, results, table};
 use crate::Result;
 use crate::plots::{LOCALISATION_CAPTION, Plots};
-use crate::report::{Report, Table};
 use dermis::text::counted;
 use dermis_learn::{Card, Epoch};
 use dermis_plot::Picture;
 use dermis_plot::chart::Curves;
+use dermis_plot::report::{Report, Table};
 
 /// The page.
 pub(super) fn page(found: &Results<'_>, stages: &[Done]) -> Result<Report> {

@@ -3,9 +3,9 @@
 use super::benchmarked::Benchmarked;
 use super::results::Results;
 use crate::comparison::Named;
-use crate::report::Table;
 use dermis::design::{Body, ImageLayout};
 use dermis_learn::TrainingRecord;
+use dermis_plot::report::Table;
 use serde::Serialize;
 
 /// A figure in the paper and in the reproduction.

@@ -4,6 +4,7 @@ use crate::design::layout::{MOST_ELECTRODES, name};
 use crate::design::resolve::Place;
 use crate::design::{Body, Electrode, ElectrodeShape, ImageLayout, RegionPlace, SkinDesign};
 use crate::geom::Edge;
+use crate::text::decimal;
 use std::f64::consts::PI;
 
 /// The errors of a design, and their places.
@@ -319,6 +320,5 @@ fn cell_estimate(design: &SkinDesign) -> f64 {
 
 /// A length in mm for messages.
 pub(super) fn millimetres(length_m: f64) -> String {
-    let text = format!("{:.3}", length_m * 1000.0);
-    text.trim_end_matches('0').trim_end_matches('.').to_string()
+    decimal(1e3 * length_m, 3)
 }

@@ -91,7 +91,7 @@ impl FabricationOptions {
 
     /// The place of the bore of an electrode on the surface: its centre, or the nearest place that is far enough from the
     /// base's edge. A flange longer than that distance keeps the centre. On a body known only by its mesh the centre.
-    pub fn bore_centre_m(&self, body: &Body, centre_m: Point3) -> Point3 {
+    pub(crate) fn bore_centre_m(&self, body: &Body, centre_m: Point3) -> Point3 {
         let edge_m = (self.edge_m() - self.flange_m).max(0.0);
         let [x, y, z] = centre_m;
         let inside = |value: f64, size_m: f64| value.max(edge_m).min(size_m - edge_m);

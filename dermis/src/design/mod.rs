@@ -120,7 +120,7 @@ impl SkinDesign {
             let [x, y, z] = electrode.centre_m.map(|value| (value * 1e5).round() + 0.0);
             text += &format!("{x} {y} {z} {:?}\n", electrode.shape);
         }
-        hmac_sha256::Hash::hash((text + &self.protocol.to_csv()).as_bytes())
+        crate::files::sha256((text + &self.protocol.to_csv()).as_bytes())
     }
 
     /// JSON schema of the design file.

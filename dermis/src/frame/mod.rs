@@ -8,29 +8,37 @@ mod lines;
 mod npy;
 #[cfg_attr(not(feature = "npz"), path = "no_npz.rs")]
 mod npz;
-mod output;
 mod reciprocity;
 mod table;
 mod truth;
 
-pub use broken::{broken_channels, disconnected_electrodes};
+pub use broken::broken_channels;
+pub(crate) use broken::disconnected_electrodes;
 pub use currents::DriveCurrents;
 pub use differences::Differences;
 pub use lines::{FrameLine, FrameLines, LineError};
 pub use npy::npy_header;
-pub use output::write_whole;
 pub use reciprocity::{Screening, quantities, twins};
 pub use table::{
     Table, read_array, read_conductivities, read_frames, read_frames_without, read_table, write_array, write_frames,
 };
 pub use truth::{Truth, frames_after_last_touch, read_places, read_truth, write_truth};
 
+use std::io::Write;
 use std::ops::{Deref, DerefMut, Sub};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 #[cfg(test)]
 mod tests;
+
+/// Writes a file as [`files::write_whole`](crate::files::write_whole) does.
+///
+/// # Errors
+/// The same, with the path.
+pub fn write_whole(path: &Path, fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<(), TableError> {
+    crate::files::write_whole(path, fill).map_err(|source| TableError::Io { path: path.to_path_buf(), source })
+}
 
 /// A table of numbers that cannot be read or written: the file, the row and column, and the problem.
 #[derive(Debug, Error)]

@@ -1,7 +1,7 @@
 //! Tables of numbers in CSV, NPY and NPZ files.
 
 use crate::files::read_at_most;
-use crate::frame::output::write_whole;
+use crate::frame::write_whole;
 use crate::frame::{Frame, TableError, csv, npy, npz};
 use crate::protocol::Protocol;
 use std::path::Path;

@@ -2,8 +2,8 @@
 
 use crate::contact::Contact;
 use crate::frame::TableError;
-use crate::frame::output::write_whole;
 use crate::frame::table::{Table, read_table};
+use crate::frame::write_whole;
 use crate::geom::{PlaceLimits, Point3, Surface};
 use crate::text::counted;
 use std::path::Path;

@@ -108,7 +108,7 @@ impl Method {
 
     /// The same method with its regularization parameter, to be shown with its label.
     #[must_use]
-    pub fn with_alpha(self, alpha: f64) -> Self {
+    pub(crate) fn with_alpha(self, alpha: f64) -> Self {
         Method { alpha: Some(alpha), ..self }
     }
 

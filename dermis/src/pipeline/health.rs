@@ -1,5 +1,6 @@
 //! State of the skin and its instrument, and messages for users.
 
+use crate::finding::Severity;
 use crate::pipeline::frame::Counts;
 use crate::pipeline::timestamp::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -82,17 +83,4 @@ pub struct Notice {
     pub text: String,
     /// Time of the event.
     pub at: Timestamp,
-}
-
-/// Severity of a notice.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(rename_all = "snake_case")]
-pub enum Severity {
-    /// Information.
-    Info,
-    /// Results may be worse.
-    Warning,
-    /// Something does not work.
-    Error,
 }

@@ -71,12 +71,14 @@ pub use degradation::{Cost, Degradation, Loss};
 pub use drift::{DriftFit, DriftFitJob};
 pub use error::PipelineError;
 pub use frame::{Counts, FrameInput, Measurement, PipelineFrame};
-pub use health::{ElectrodeHealth, ElectrodeState, Health, Notice, Severity};
+pub use health::{ElectrodeHealth, ElectrodeState, Health, Notice};
 pub use rebuild::{RebuildJob, RebuiltMethod};
 pub use settings::{Command, Settings, Zone};
 pub use state::State;
 pub use timestamp::Timestamp;
 pub use validity::{InvalidReason, Validity};
+
+pub use crate::finding::Severity;
 
 use crate::detect::{Detector, ImageNoise};
 use crate::image::Image;

@@ -1,11 +1,12 @@
 //! Processing of one frame in the pipeline: the tare, and what every frame reports.
 
 use crate::estimate::noise::ChannelNoise;
+use crate::finding::Severity;
 use crate::pipeline::baseline::Baseline;
 use crate::pipeline::electrodes::ElectrodeMonitor;
 use crate::pipeline::error::PipelineError;
 use crate::pipeline::frame::{FrameInput, Measurement, PipelineFrame};
-use crate::pipeline::health::{Health, Notice, Severity};
+use crate::pipeline::health::{Health, Notice};
 use crate::pipeline::instrument::InstrumentMonitor;
 use crate::pipeline::novelty::NoveltyMonitor;
 use crate::pipeline::read::Outcome;

@@ -2,6 +2,7 @@
 
 use crate::contact::Contact;
 use crate::detect::Circumstances;
+use crate::finding::Severity;
 use crate::geom::{Point3, Surface};
 use crate::pipeline::baseline::TouchedFrame;
 use crate::pipeline::common_mode::CommonMode;
@@ -11,7 +12,6 @@ use crate::pipeline::degradation::Degradation;
 use crate::pipeline::electrodes::{Change, ContactFrame, ElectrodeTopology, NoiseFrame};
 use crate::pipeline::error::PipelineError;
 use crate::pipeline::frame::Measurement;
-use crate::pipeline::health::Severity;
 use crate::pipeline::instrument::{Findings, InstrumentMonitor, Unjudged, is_most};
 use crate::pipeline::process::FrameTime;
 use crate::pipeline::settings::Settings;

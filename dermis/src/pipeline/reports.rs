@@ -1,7 +1,8 @@
 //! Notices of changes of state: of the validity of frames, of the method, of electrodes, drives and channels.
 
+use crate::finding::Severity;
 use crate::pipeline::electrodes::{Change, ElectrodeTopology};
-use crate::pipeline::health::{ElectrodeState, Severity};
+use crate::pipeline::health::ElectrodeState;
 use crate::pipeline::validity::{InvalidReason, Validity};
 use crate::text::counted;
 

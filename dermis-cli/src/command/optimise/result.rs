@@ -10,9 +10,9 @@ use dermis::frame::write_whole;
 use dermis::protocol::Protocol;
 use dermis::text::counted;
 use dermis_plot::chart::Curves;
+use dermis_plot::report::Table;
 use dermis_plot::{Drawing, Key, Scale, View};
 use dermis_sim::optimise::Judgement;
-use dermis_study::report::Table;
 use serde::Serialize;
 use std::path::Path;
 

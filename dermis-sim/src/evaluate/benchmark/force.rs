@@ -4,7 +4,7 @@ use crate::experiment::{PressSet, Recording, record};
 use crate::twin::{Press, Twin};
 use dermis::frame::Frame;
 use dermis::reconstruct::Reconstruct;
-use dermis::stats::{mean_and_sd, quantile, ranks};
+use dermis::stats::{coefficient_of_variation, quantile, rank_correlation, sorted};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -68,28 +68,12 @@ pub(super) fn true_spread(twin: &Twin, presses: &[Vec<Press>]) -> crate::Result<
         let force_n: f64 = presses.iter().map(|press| press.force_n).sum();
         Ok(twin.strength_m2(presses)? / force_n)
     };
-    let (mean, sd) = mean_and_sd(&presses.par_iter().map(per_newton).collect::<crate::Result<Vec<f64>>>()?);
-    Ok(sd / mean)
-}
-
-/// Spearman's rank correlation of two lists of equal length; ties share the mean of their ranks. `NaN` if one list is
-/// constant or contains a value that is not a number.
-fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
-    if a.iter().chain(b).any(|value| value.is_nan()) {
-        return f64::NAN;
-    }
-    let (a, b) = (ranks(a), ranks(b));
-    let (mean_a, sd_a) = mean_and_sd(&a);
-    let (mean_b, sd_b) = mean_and_sd(&b);
-    let product = a.iter().zip(&b).map(|(a, b)| (a - mean_a) * (b - mean_b)).sum::<f64>() / a.len() as f64;
-    product / (sd_a * sd_b)
+    Ok(coefficient_of_variation(&presses.par_iter().map(per_newton).collect::<crate::Result<Vec<f64>>>()?))
 }
 
 /// Median and minimum; `NaN` without a number. A value that is not a number counts as the minimum.
 fn median_and_least(values: &[f64]) -> [f64; 2] {
-    let mut sorted: Vec<f64> =
-        values.iter().map(|value| if value.is_nan() { f64::NEG_INFINITY } else { *value }).collect();
-    sorted.sort_by(f64::total_cmp);
+    let sorted = sorted(values.iter().map(|value| if value.is_nan() { f64::NEG_INFINITY } else { *value }));
     if sorted.is_empty() { [f64::NAN; 2] } else { [quantile(&sorted, 0.5), sorted[0]] }
 }
 
@@ -98,16 +82,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ranks_correlate_as_spearman_defines() {
-        // Without ties 1 - 6 sum d^2 / (n (n^2 - 1)): d = 1, 1, 0, 0 gives 1 - 12 / 60.
-        assert!((rank_correlation(&[1.0, 2.0, 3.0, 4.0], &[20.0, 10.0, 30.0, 99.0]) - 0.8).abs() < 1e-12);
-        assert!((rank_correlation(&FORCES_N, &FORCES_N.map(|force| force.powf(0.3))) - 1.0).abs() < 1e-12);
-        assert!((rank_correlation(&[1.0, 2.0, 3.0], &[3.0, 2.0, 1.0]) + 1.0).abs() < 1e-12);
-        // Ranks 0, 1.5, 1.5, 3 against 0, 1, 2, 3: 4.5 / sqrt(4.5 * 5).
-        assert!((rank_correlation(&[1.0, 2.0, 2.0, 3.0], &[1.0, 2.0, 3.0, 4.0]) - 0.9f64.sqrt()).abs() < 1e-12);
-        assert!(rank_correlation(&[1.0, 2.0], &[1.0, 1.0]).is_nan());
-        assert!(rank_correlation(&[1.0, 2.0], &[1.0, f64::NAN]).is_nan());
+    fn a_position_without_a_number_is_the_least() {
         assert_eq!(median_and_least(&[0.9, 1.0, 0.8])[..], [0.9, 0.8]);
+        assert_eq!(median_and_least(&[0.9, f64::NAN])[1], f64::NEG_INFINITY);
         assert!(median_and_least(&[]).iter().all(|value| value.is_nan()));
     }
 }

@@ -7,7 +7,7 @@ use dermis::frame::{Frame, mean};
 use dermis::geom::Point3;
 use dermis::image::Image;
 use dermis::reconstruct::Reconstruct;
-use dermis::stats::{inverse_cdf_quantile, mean_and_sd};
+use dermis::stats::{self, inverse_cdf_quantile, sorted};
 use rayon::prelude::*;
 
 /// One false contact per hour at 120 frames per second.
@@ -113,11 +113,10 @@ fn in_sd(image: &Image, noise: &ImageNoise, detection: &DetectOptions, counts: i
 /// such a distribution decreases exponentially (peaks over threshold: Pickands, 1975, DOI 10.1214/aos/1176343003, with
 /// shape 0, the limit of normal maxima, from which it deviates upwards).
 fn threshold(peaks: &[f64]) -> (f64, f64) {
-    let mut sorted = peaks.to_vec();
-    sorted.sort_by(f64::total_cmp);
+    let sorted = sorted(peaks.iter().copied());
     let count = ((sorted.len() as f64 * TAIL).round() as usize).clamp(1, sorted.len());
     let begin = sorted[sorted.len() - count];
-    let (excess, _) = mean_and_sd(&sorted[sorted.len() - count..].iter().map(|peak| peak - begin).collect::<Vec<_>>());
+    let excess = stats::mean(&sorted[sorted.len() - count..]) - begin;
     let part = count as f64 / sorted.len() as f64;
     let further = (part / FALSE_CONTACTS_A_FRAME).ln().max(0.0);
     (begin + excess * further, excess * further / (count as f64).sqrt())
@@ -126,9 +125,7 @@ fn threshold(peaks: &[f64]) -> (f64, f64) {
 /// Median and 95th percentile of the smallest forces detected at some positions, N; a position without one counts as
 /// infinite.
 pub(super) fn median_and_p95(forces_n: &[f64]) -> [f64; 2] {
-    let mut forces: Vec<f64> =
-        forces_n.iter().map(|force| if force.is_nan() { f64::INFINITY } else { *force }).collect();
-    forces.sort_by(f64::total_cmp);
+    let forces = sorted(forces_n.iter().map(|force| if force.is_nan() { f64::INFINITY } else { *force }));
     [0.5, 0.95].map(|part| inverse_cdf_quantile(&forces, part).unwrap_or(f64::NAN))
 }
 

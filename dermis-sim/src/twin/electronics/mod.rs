@@ -26,7 +26,7 @@ pub use report::{ElectronicsReport, ErrorPart};
 pub use slots::{Connection, SlotReader, Switching};
 
 use crate::elementary::sin;
-use crate::noise::{Noise, undriven_rms};
+use crate::noise::Noise;
 use crate::random::{sample_rng, standard_normal};
 use dermis::forward::ElectrodeNetwork;
 use dermis::frame::Frame;
@@ -128,7 +128,7 @@ impl Electronics {
             hum_phase_rad,
             seed,
             noise: noise.transpose()?,
-            signal_ohm: undriven_rms(protocol, &clean).unwrap_or(f64::NAN),
+            signal_ohm: protocol.undriven_rms(&clean),
         };
         for index in 0..electronics.drives.len() {
             electronics.drives[index].calibration_a = electronics.current_a(untouched, &electronics.drives[index]);

@@ -1,7 +1,6 @@
 //! Contribution of each part of the instrument to the error of a frame.
 
 use super::{Electronics, Stage};
-use crate::noise::undriven_rms;
 use dermis::forward::ElectrodeNetwork;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -53,7 +52,7 @@ impl Electronics {
             let passed = stages.map(|stage| self.through(network, index, stage));
             let values = [0, 1, 2, 3, 4, 5].map(|stage: usize| self.values(&passed[stage]));
             let mut add = |slot: usize, a: usize, b: usize| {
-                let rms = undriven_rms(&self.protocol, &(&values[b] - &values[a])).unwrap_or(f64::NAN);
+                let rms = self.protocol.undriven_rms(&(&values[b] - &values[a]));
                 squares[slot] += rms * rms;
             };
             (0..5).for_each(|stage| add(stage, stage, stage + 1));

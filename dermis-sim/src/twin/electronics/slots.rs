@@ -43,7 +43,7 @@ pub struct SlotReader<'a> {
 impl Electronics {
     /// Begins frame `index` of a skin. With the slots of the protocol in their order, each `1 / slot_rate_hz` long, and
     /// no errors of the switches, its readings are those of [`readings`](Self::readings).
-    pub fn slot_reader(&self, network: ElectrodeNetwork, index: u64, switching: Switching) -> SlotReader<'_> {
+    pub(crate) fn slot_reader(&self, network: ElectrodeNetwork, index: u64, switching: Switching) -> SlotReader<'_> {
         SlotReader {
             noise_v: self.noise_of_slots(index),
             electronics: self,
@@ -76,7 +76,7 @@ impl Electronics {
 
     /// The time after which a slot is settled, s: from any potentials of the lines within the supply, and with the
     /// charge of the switches, its reading is at most `error_v` off.
-    pub fn settling_s(
+    pub(crate) fn settling_s(
         &self,
         network: &ElectrodeNetwork,
         connection: Connection,
@@ -94,7 +94,7 @@ impl Electronics {
     /// A settling time that is enough for any slot, whatever its electrodes, s: with the slowest time constant that the
     /// resistances between the electrodes allow, and errors of all three lines that add up, to half of the smallest
     /// step.
-    pub fn longest_settling_s(&self, network: &ElectrodeNetwork, switching: Switching) -> f64 {
+    pub(crate) fn longest_settling_s(&self, network: &ElectrodeNetwork, switching: Switching) -> f64 {
         let capacitance_f = self.options.line_capacitance_f;
         let Some(adc) = self.options.adc.filter(|_| capacitance_f > 0.0) else { return 0.0 };
         let s = &network.transfer_impedance;
@@ -154,7 +154,7 @@ impl SlotReader<'_> {
     }
 
     /// The voltage between the amplifier's inputs, V; 0 before the first connection.
-    pub fn input_v(&self) -> f64 {
+    pub(crate) fn input_v(&self) -> f64 {
         self.lines_v.map_or(0.0, |lines_v| lines_v[PLUS] - lines_v[MINUS])
     }
 

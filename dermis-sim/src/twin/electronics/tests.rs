@@ -42,7 +42,7 @@ fn instrument(options: &ElectronicsOptions, network: &ElectrodeNetwork) -> Elect
 }
 
 fn undriven(frame: &Frame) -> f64 {
-    undriven_rms(protocol(), frame).unwrap()
+    protocol().undriven_rms(frame)
 }
 
 #[test]

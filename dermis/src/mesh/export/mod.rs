@@ -4,7 +4,7 @@ mod msh;
 mod stl;
 mod vtu;
 
-use crate::frame::{TableError, write_whole};
+use crate::files::write_whole;
 use crate::mesh::{Cells, ElectrodePatch, Mesh, MeshError};
 use std::io::Write;
 use std::path::Path;
@@ -104,10 +104,7 @@ fn check_fields(mesh: &Mesh, path: &Path, fields: &[CellField]) -> Result<(), Me
 }
 
 fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<(), MeshError> {
-    write_whole(path, fill).map_err(|error| match error {
-        TableError::Io { path, source } => MeshError::Io { path, source },
-        other => file_error(path, other.to_string()),
-    })
+    write_whole(path, fill).map_err(|source| MeshError::Io { path: path.to_path_buf(), source })
 }
 
 /// A part of an electrode that is not a cell of the mesh: an edge, a face or a node.

@@ -3,6 +3,7 @@
 
 use super::{CellField, electrode_parts, electrodes_of_cells};
 use crate::mesh::{Cells, Mesh};
+use crate::text::escaped;
 use std::fmt::Display;
 use std::io::{self, Write};
 
@@ -44,11 +45,6 @@ pub(super) fn write(mesh: &Mesh, fields: &[CellField], out: &mut dyn Write) -> i
         array(out, "Float64", &escaped(name), values.map(|value| format!("{value:?}")))?;
     }
     writeln!(out, "</CellData>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>")
-}
-
-/// A name as the value of an XML attribute.
-fn escaped(name: &str) -> String {
-    name.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// VTK's cell type of a vertex, line, triangle or tetrahedron.

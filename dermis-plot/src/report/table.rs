@@ -1,6 +1,6 @@
 //! A small table, for terminals and pages.
 
-use dermis_plot::escape;
+use dermis::text::escaped;
 use std::fmt::Write as _;
 
 /// A table of text cells; the first column names the row.
@@ -40,6 +40,11 @@ impl Table {
         self.rows.push(cells.into());
     }
 
+    /// Adds a row of a name and a value.
+    pub fn pair(&mut self, name: &str, value: impl std::fmt::Display) {
+        self.row([name.into(), value.to_string()]);
+    }
+
     /// The table with aligned columns: the first to the left, the others to the right.
     pub fn to_text(&self) -> String {
         let columns = self.header.len() - usize::from(self.remarks);
@@ -61,11 +66,16 @@ impl Table {
         text
     }
 
-    /// The table as HTML.
+    /// The table as HTML; columns of numbers have the class `number`.
     pub fn to_html(&self) -> String {
+        let class = |column: usize| {
+            let is_number = |row: &Vec<String>| row[column].parse::<f64>().is_ok();
+            if self.rows.iter().all(is_number) { " class=\"number\"" } else { "" }
+        };
+        let classes: Vec<&str> = (0..self.header.len()).map(class).collect();
         let line = |cells: &[String], tag: &str| {
-            let cells: String = cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", escape(cell))).collect();
-            format!("<tr>{cells}</tr>\n")
+            let cell = |(cell, class): (&String, &&str)| format!("<{tag}{class}>{}</{tag}>", escaped(cell));
+            format!("<tr>{}</tr>\n", cells.iter().zip(&classes).map(cell).collect::<String>())
         };
         let rows: String = self.rows.iter().map(|row| line(row, "td")).collect();
         format!(
