@@ -2,12 +2,13 @@
 
 use crate::calibrated::Presses;
 use crate::check_page::page;
-use crate::console::{Progress, print, print_json};
+use crate::console::{Progress, known, print, print_json};
 use crate::failure::Outcome;
 use crate::frames::{FrameArguments, Recorded};
 use crate::picture::check_page_ending;
 use crate::skin;
 use clap::Args;
+use dermis::estimate::noise::ChannelNoise;
 use dermis::frame::write_frames;
 use dermis::skin::Skin;
 use dermis::text::counted;
@@ -62,18 +63,20 @@ impl Arguments {
         if let Some(path) = &self.output {
             page(&skin, frames.len(), &checked).write(path)?;
         }
+        let noise = ChannelNoise::of(&untouched, &skin.design().protocol);
         if self.json {
-            self.print_json(&skin, frames.len(), &checked)
+            self.print_json(&skin, frames.len(), &checked, noise.as_ref())
         } else {
-            print(&self.text(&skin, frames.len(), &checked))
+            print(&self.text(&skin, frames.len(), &checked, noise.as_ref()))
         }
     }
 
-    fn print_json(&self, skin: &Skin, frames: usize, checked: &Checked) -> Outcome {
+    fn print_json(&self, skin: &Skin, frames: usize, checked: &Checked, noise: Option<&ChannelNoise>) -> Outcome {
         print_json(&json!({
             "skin": skin.design().name,
             "frames": frames,
             "channels": skin.design().protocol.channel_count(),
+            "noise_ohm": noise.map(|noise| noise.by_group_ohm().map(known)),
             "findings": checked.findings,
             "lags": checked.lags,
             "columns": checked.columns,
@@ -84,11 +87,12 @@ impl Arguments {
         }))
     }
 
-    fn text(&self, skin: &Skin, frames: usize, checked: &Checked) -> String {
+    fn text(&self, skin: &Skin, frames: usize, checked: &Checked, noise: Option<&ChannelNoise>) -> String {
         let mut text = format!(
-            "{}: {}, {}",
+            "{}: {}{}, {}",
             skin.design().name,
             counted(frames, "frame"),
+            noise.map(|noise| format!(", {noise}")).unwrap_or_default(),
             findings_text(&checked.findings, "no findings")
         );
         for path in [&self.realign, &self.output].into_iter().flatten() {
