@@ -4,59 +4,18 @@ use crate::sinks::ros2::Message;
 use dermis::pipeline::Timestamp;
 use serde::{Deserialize, Serialize};
 
-/// The type of a field, as definitions name it.
-trait FieldType {
-    fn name() -> String;
-}
+macro_rules! messages {
+    ($($(#[$about:meta])* $name:ident = $type_name:literal { $($(#[$field_about:meta])* $field:ident: $kind:ty,)* })*) => {$(
+        $(#[$about])*
+        #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+        pub struct $name {
+            $($(#[$field_about])* pub $field: $kind,)*
+        }
 
-macro_rules! field_types {
-    ($($kind:ty = $name:literal),*) => {$(
-        impl FieldType for $kind {
-            fn name() -> String {
-                $name.into()
-            }
+        impl Message for $name {
+            const TYPE: &'static str = $type_name;
         }
     )*};
-}
-
-field_types! {
-    bool = "bool", u8 = "uint8", u32 = "uint32", i32 = "int32", f32 = "float32", f64 = "float64", String = "string"
-}
-
-impl<T: FieldType> FieldType for Vec<T> {
-    fn name() -> String {
-        format!("{}[]", T::name())
-    }
-}
-
-macro_rules! messages {
-    ($($(#[$about:meta])* $name:ident = $type_name:literal { $($(#[$field_about:meta])* $field:ident: $kind:ty,)* })*) => {
-        $(
-            $(#[$about])*
-            #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-            pub struct $name {
-                $($(#[$field_about])* pub $field: $kind,)*
-            }
-
-            impl Message for $name {
-                const TYPE: &'static str = $type_name;
-            }
-
-            impl FieldType for $name {
-                fn name() -> String {
-                    $type_name.replacen("/msg/", "/", 1)
-                }
-            }
-        )*
-
-        /// The fields of a type such as `std_msgs/msg/Header`, each with its type and its name.
-        pub(super) fn fields(type_name: &str) -> Vec<(String, &'static str)> {
-            match type_name {
-                $($type_name => vec![$((<$kind as FieldType>::name(), stringify!($field).trim_start_matches("r#"))),*],)*
-                _ => panic!("the definition of `{type_name}` is not here"),
-            }
-        }
-    };
 }
 
 messages! {
