@@ -15,7 +15,7 @@ FORMATS = {6: "<u4", 7: "<f4"}
 
 
 def contacts(message):
-    """The points of a PointCloud2 as a structured array with the fields of the table in docs/recording.md."""
+    """The points of a PointCloud2 as a structured array with the fields of the table in docs/file-formats.md."""
     layout = np.dtype({
         "names": [field.name for field in message.fields],
         "formats": [FORMATS[field.datatype] for field in message.fields],

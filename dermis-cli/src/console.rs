@@ -24,6 +24,11 @@ pub fn warn(text: &str) {
     eprintln!("warning: {}", printable_lines(text));
 }
 
+/// A number that JSON has; its `null` for one that is not known.
+pub fn known(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
 /// Prints a value as JSON.
 pub fn print_json(value: &impl serde::Serialize) -> Outcome {
     let text = serde_json::to_string_pretty(value).map_err(|error| Failure::Ours(error.to_string()))?;

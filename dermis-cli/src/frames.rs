@@ -5,9 +5,8 @@ use crate::failure::{Failure, Outcome};
 use clap::{ArgGroup, Args};
 use dermis::fit::model_differences;
 use dermis::frame::{Differences, DriveCurrents, Frame, read_frames_without};
-use dermis::image::Image;
-use dermis::method::Method;
 use dermis::protocol::Protocol;
+use dermis::reconstruct::ReconstructError;
 use dermis::skin::Skin;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -119,13 +118,16 @@ impl Recorded {
     }
 }
 
-/// The image of each difference.
-pub fn images(method: &Method, differences: &[Frame]) -> Outcome<Vec<Image>> {
+/// What a method finds in each difference.
+pub fn of_each<T: Send>(
+    differences: &[Frame],
+    find: impl Fn(&Frame) -> Result<T, ReconstructError> + Sync,
+) -> Outcome<Vec<T>> {
     let progress = Progress::new("reconstructing", differences.len());
-    let image = |difference| {
-        let image = method.image(difference);
+    let step = |difference| {
+        let found = find(difference);
         progress.step();
-        image
+        found
     };
-    Ok(differences.par_iter().map(image).collect::<Result<Vec<_>, _>>()?)
+    Ok(differences.par_iter().map(step).collect::<Result<Vec<T>, _>>()?)
 }

@@ -146,10 +146,10 @@ fn a_press_by_hand_is_found_where_it_is_and_ends() {
     let mut id = None;
     frames_until(&live, |frame| {
         let Some(contact) = frame.result.contacts.first() else { return false };
-        let off_m = surface.distance_m(contact.position_m, place);
+        let off_m = surface.distance_m(contact.contact.position_m, place);
         assert!(off_m < 0.006, "{off_m} m off");
         assert_eq!(frame.result.touched, Some(true));
-        id = Some(contact.id);
+        id = Some(contact.contact.id);
         true
     });
     running.emulator.release(0);
@@ -180,7 +180,7 @@ fn an_electrode_that_comes_loose_is_named_and_contacts_go_on() {
     let place = methods().skin().design().body.surface().at(0.15, std::f64::consts::FRAC_PI_2).unwrap();
     frames_until(&live, |frame| {
         let near = |contact: &dermis::pipeline::TrackedContact| {
-            methods().skin().design().body.surface().distance_m(contact.position_m, place) < 0.01
+            methods().skin().design().body.surface().distance_m(contact.contact.position_m, place) < 0.01
         };
         frame.result.sequence > 500 && frame.result.contacts.iter().any(near)
     });

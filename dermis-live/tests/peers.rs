@@ -6,10 +6,11 @@
 mod interpreter;
 mod synthetic;
 
-use dermis::contact::ConductanceChange;
+use dermis::contact::Contact;
+use dermis::pipeline::TrackedContact;
 use dermis_live::LiveFrame;
 use dermis_live::recording::{Event, Recorder, Session};
-use dermis_live::sinks::ros2::{self as ros, CONTACT_FIELDS, Reference};
+use dermis_live::sinks::ros2::Reference;
 use interpreter::run;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -38,7 +39,12 @@ fn skin() -> &'static SyntheticSkin {
 fn expected(folder: &Path) -> PathBuf {
     let reference = &skin().reference;
     let frames: Vec<Value> = (0..FRAMES).map(|index| expected_of(reference, &skin().frame(index))).collect();
-    let fields: Vec<&str> = CONTACT_FIELDS.iter().map(|field| field.0).collect();
+    let fields = [
+        &["x", "y", "z", "nx", "ny", "nz", "force", "force_sd", "strength", "area", "sd", "confidence", "conductance"]
+            [..],
+        &["cx", "cy", "cz", "px", "py", "pz", "vx", "vy", "vz", "seen", "age", "id"],
+    ]
+    .concat();
     let whole =
         json!({"frame_id": reference.frame_id, "picture": reference.picture(), "fields": fields, "frames": frames});
     let path = folder.join("expected.json");
@@ -52,41 +58,13 @@ fn expected_of(reference: &Reference, frame: &LiveFrame) -> Value {
     for (pixel, &position) in reference.space.position_in_grid.iter().enumerate() {
         picture[position] = json!(frame.result.image[pixel]);
     }
-    let contacts: Vec<Value> = frame
-        .result
-        .contacts
-        .iter()
-        .map(|contact| {
-            let [[x, y, z], [nx, ny, nz], [vx, vy, vz]] = [contact.position_m, contact.normal, contact.velocity_m_s];
-            let age_s = (frame.result.measured_at.unix_ns - contact.since.unix_ns) as f64 * 1e-9;
-            json!([
-                x,
-                y,
-                z,
-                nx,
-                ny,
-                nz,
-                contact.strength,
-                contact.area_m2,
-                contact.id,
-                contact.confidence,
-                contact.force_n,
-                contact.force_sd_n,
-                contact.sd_m,
-                vx,
-                vy,
-                vz,
-                age_s,
-                contact.conductance.map(ConductanceChange::sign)
-            ])
-        })
-        .collect();
+    let contacts: Vec<Value> = frame.result.contacts.iter().map(point).collect();
     // At most one contact of known force: F = -n f, M = r x F.
     let mut wrench = [0.0; 6];
-    for contact in &frame.result.contacts {
-        if let Some(force_n) = contact.force_n {
+    for TrackedContact { contact, .. } in &frame.result.contacts {
+        if contact.force_n.is_finite() {
             let [x, y, z] = contact.position_m;
-            let [fx, fy, fz] = contact.normal.map(|part| -part * force_n);
+            let [fx, fy, fz] = contact.normal.map(|part| -part * contact.force_n);
             wrench = [fx, fy, fz, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx];
         }
     }
@@ -97,9 +75,23 @@ fn expected_of(reference: &Reference, frame: &LiveFrame) -> Value {
         "picture": picture,
         "contacts": contacts,
         "wrench": wrench,
-        "at_m": frame.result.contacts.first().map(|contact| contact.position_m),
+        "at_m": frame.result.contacts.first().map(|tracked| tracked.contact.position_m),
         "message": message,
     })
+}
+
+/// The numbers of a contact in a point cloud.
+fn point(tracked: &TrackedContact) -> Value {
+    let Contact { id, position_m, normal, force_n, force_sd_n, strength, area_m2, sd_m, confidence, conductance } =
+        tracked.contact;
+    let TrackedContact { centroid_m, centre_of_pressure_m, velocity_m_s, seen, age_s, .. } = tracked;
+    let numbers =
+        json!([force_n, force_sd_n, strength, area_m2, sd_m, confidence, conductance.map(|change| change.sign())]);
+    let ends = json!([u8::from(*seen), age_s, id]);
+    let vectors = [position_m, normal, *centroid_m, *centre_of_pressure_m, *velocity_m_s].map(|vector| json!(vector));
+    let [position_m, normal, centroid_m, centre_of_pressure_m, velocity_m_s] = vectors;
+    let parts = [position_m, normal, numbers, centroid_m, centre_of_pressure_m, velocity_m_s, ends];
+    parts.iter().flat_map(|part| part.as_array().expect("an array").clone()).collect()
 }
 
 #[test]
@@ -157,9 +149,4 @@ fn cyclone_receives_what_is_published() {
         said
     });
     println!("{}", said.unwrap_or_else(|why| panic!("{why}")));
-}
-
-#[test]
-fn definitions_have_the_dds_names() {
-    assert_eq!(ros::dds_type("visualization_msgs/msg/MarkerArray"), "visualization_msgs::msg::dds_::MarkerArray_");
 }

@@ -58,7 +58,7 @@ struct Run {
 fn run(session: &mut OfflineSession, until_s: f64, ending_s: f64) -> Run {
     let surface = session.pipeline.skin().pixels().surface;
     let is_near = |frame: &PipelineFrame, at_m: Point3| {
-        frame.contacts.iter().any(|contact| surface.distance_m(contact.position_m, at_m) < NEAR_M)
+        frame.contacts.iter().any(|contact| surface.distance_m(contact.contact.position_m, at_m) < NEAR_M)
     };
     let (mut run, mut pressed_s, mut press) = (Run::default(), f64::NEG_INFINITY, None);
     while session.time_s() < until_s {

@@ -2,52 +2,62 @@
 
 use crate::arrays::{self, Column, Rows};
 use crate::failure::{Failure, Outcome};
-use dermis::contact::{ConductanceChange, Contact};
-use dermis::pipeline::PipelineFrame;
+use dermis::contact::{Contact, Field, FieldKind};
+use dermis::pipeline::{PipelineFrame, TrackedContact};
 use dermis::skin::Skin;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::collections::HashMap;
 
 /// The contacts of some frames.
 pub fn table<'py>(py: Python<'py>, frames: &[Vec<Contact>]) -> Outcome<Bound<'py, PyAny>> {
-    let numbered = || frames.iter().enumerate().flat_map(|(frame, contacts)| contacts.iter().map(move |c| (frame, c)));
+    let numbers = frames.iter().enumerate().flat_map(|(frame, contacts)| contacts.iter().map(move |_| frame as i64));
+    let contacts: Vec<&Contact> = frames.iter().flatten().collect();
     let columns = PyDict::new(py);
-    columns.set_item("frame", PyArray1::from_iter(py, numbered().map(|(frame, _)| frame as i64)))?;
-    columns.set_item("id", PyArray1::from_iter(py, numbered().map(|(_, contact)| contact.id)))?;
-    columns.set_item("sign", PyArray1::from_iter(py, numbered().map(|(_, contact)| sign(contact.conductance))))?;
-    // The first column is the identifier.
-    for (index, name) in Contact::COLUMNS.iter().enumerate().skip(1) {
-        let values = numbered().map(|(_, contact)| contact.values()[index - 1]);
-        columns.set_item(name, PyArray1::from_iter(py, values))?;
-    }
-    Ok(py.import("dermis._contacts")?.call_method1("table", (columns,))?)
+    columns.set_item("frame", PyArray1::from_iter(py, numbers))?;
+    add_fields(&columns, &Contact::FIELDS, &contacts)?;
+    made(&columns)
 }
 
 /// The tracked contacts of a frame.
 pub fn tracked<'py>(py: Python<'py>, frame: &PipelineFrame) -> Outcome<Bound<'py, PyAny>> {
-    let contacts = &frame.contacts;
-    let number = |of: &dyn Fn(usize) -> f64| PyArray1::from_iter(py, (0..contacts.len()).map(of));
+    let tracked: Vec<&TrackedContact> = frame.contacts.iter().collect();
+    let contacts: Vec<&Contact> = frame.contacts.iter().map(|tracked| &tracked.contact).collect();
     let columns = PyDict::new(py);
-    columns.set_item("frame", PyArray1::from_iter(py, contacts.iter().map(|_| frame.sequence as i64)))?;
-    columns.set_item("id", PyArray1::from_iter(py, contacts.iter().map(|contact| contact.id)))?;
-    columns.set_item("seen", PyArray1::from_iter(py, contacts.iter().map(|contact| contact.seen)))?;
-    columns.set_item("since_s", number(&|index| contacts[index].since.seconds()))?;
-    columns.set_item("sign", number(&|index| sign(contacts[index].conductance)))?;
-    columns.set_item("force_n", number(&|index| contacts[index].force_n.unwrap_or(f64::NAN)))?;
-    columns.set_item("force_sd_n", number(&|index| contacts[index].force_sd_n.unwrap_or(f64::NAN)))?;
-    columns.set_item("strength", number(&|index| contacts[index].strength))?;
-    columns.set_item("area_m2", number(&|index| contacts[index].area_m2))?;
-    columns.set_item("sd_m", number(&|index| contacts[index].sd_m))?;
-    columns.set_item("confidence", number(&|index| contacts[index].confidence))?;
-    let vector =
-        |of: &dyn Fn(usize) -> [f64; 3]| arrays::rows(py, (0..contacts.len()).flat_map(of).collect(), &[3], false);
-    columns.set_item("position_m", vector(&|index| contacts[index].position_m)?)?;
-    columns.set_item("normal", vector(&|index| contacts[index].normal)?)?;
-    columns.set_item("centroid_m", vector(&|index| contacts[index].centroid_m)?)?;
-    columns.set_item("centre_of_pressure_m", vector(&|index| contacts[index].centre_of_pressure_m)?)?;
-    columns.set_item("velocity_m_s", vector(&|index| contacts[index].velocity_m_s)?)?;
-    Ok(py.import("dermis._contacts")?.call_method1("tracked", (columns,))?)
+    columns.set_item("frame", PyArray1::from_vec(py, vec![frame.sequence as i64; tracked.len()]))?;
+    add_fields(&columns, &Contact::FIELDS, &contacts)?;
+    add_fields(&columns, &TrackedContact::FIELDS, &tracked)?;
+    made(&columns)
+}
+
+/// Adds an array for each field of contacts.
+fn add_fields<T>(columns: &Bound<'_, PyDict>, fields: &[Field<T>], contacts: &[&T]) -> Outcome<()> {
+    let py = columns.py();
+    for field in fields {
+        let numbers = contacts.iter().flat_map(|contact| field.numbers(contact));
+        let array = match field.kind {
+            _ if field.columns.len() > 1 => arrays::rows(py, numbers.collect(), &[field.columns.len()], false)?,
+            FieldKind::Count => PyArray1::from_iter(py, numbers.map(|number| number as u64)).into_any(),
+            FieldKind::Flag => PyArray1::from_iter(py, numbers.map(|number| number > 0.0)).into_any(),
+            FieldKind::Number | FieldKind::Change => PyArray1::from_iter(py, numbers).into_any(),
+        };
+        columns.set_item(field.array_name(), array)?;
+    }
+    Ok(())
+}
+
+fn made<'py>(columns: &Bound<'py, PyDict>) -> Outcome<Bound<'py, PyAny>> {
+    Ok(columns.py().import("dermis._contacts")?.call_method1("table", (columns,))?)
+}
+
+/// The columns of the vectors of contacts in tables, by their names.
+#[pyfunction]
+pub fn contact_columns() -> HashMap<&'static str, Vec<&'static str>> {
+    fn vectors<T>(fields: &[Field<T>]) -> impl Iterator<Item = (&'static str, Vec<&'static str>)> {
+        fields.iter().filter(|field| field.columns.len() > 1).map(|field| (field.key, field.columns.to_vec()))
+    }
+    vectors(&Contact::FIELDS).chain(vectors(&TrackedContact::FIELDS)).collect()
 }
 
 /// True touches, by frame: `Contacts`, or positions of one touch in each frame.
@@ -78,8 +88,4 @@ pub fn truth(given: &Bound<'_, PyAny>, skin: &Skin, frame_count: usize) -> Outco
         of_frame.push(Contact::truth(position_m, normal, force_n.at(index)));
     }
     Ok(touches)
-}
-
-fn sign(conductance: Option<ConductanceChange>) -> f64 {
-    conductance.map_or(f64::NAN, ConductanceChange::sign)
 }

@@ -30,6 +30,8 @@ mod _dermis {
     #[pymodule_export]
     use super::command::{command_options, run_command, run_program};
     #[pymodule_export]
+    use super::contacts::contact_columns;
+    #[pymodule_export]
     use super::mesh::Mesh;
     #[pymodule_export]
     use super::method::Method;

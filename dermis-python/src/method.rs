@@ -151,7 +151,7 @@ impl Method {
             let method = self.method.adapted(&differences)?;
             let detector = method.detector(&differences.untouched)?;
             let found =
-                for_each(frames, watch, |frame| Ok((method.image(frame)?, method.contacts(frame, &detector)?)))?;
+                for_each(frames, watch, |frame| Ok(method.reconstruct().image_and_contacts(frame, &detector)?))?;
             let (images, found): (Vec<_>, Vec<_>) = found.into_iter().unzip();
             Ok(score_contacts(&images, &found, &truth, self.method.label(), self.method.alpha())?)
         })?;
@@ -168,8 +168,8 @@ impl Method {
         };
         worker::run_short(py, || {
             let method = self.method.adapted(&differences)?;
-            let image = method.image(frame)?;
-            let contacts = method.contacts(frame, &method.detector(&differences.untouched)?)?;
+            let detector = method.detector(&differences.untouched)?;
+            let (image, contacts) = method.reconstruct().image_and_contacts(frame, &detector)?;
             picture::of_image(self.skin.skin(), &image, self.method.reconstruct().quantity(), &contacts)
         })
     }

@@ -10,7 +10,7 @@ use dermis::method::{Method, MethodOptions, Methods};
 use dermis::reconstruct::{Alpha, Quantity};
 use dermis::skin::Skin;
 use dermis_learn::{Card, Model};
-use dermis_sim::evaluate::{Score, score};
+use dermis_sim::evaluate::{Score, score_contacts};
 use dermis_sim::experiment::Recording;
 use rayon::prelude::*;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -126,8 +126,8 @@ impl Shown {
         progress: &dyn Progress,
     ) -> Result<Self> {
         let images = method.images(recording, progress)?;
-        let contacts = images.par_iter().map(|image| detector.detect(image)).collect();
-        let score = score(&images, truth, detector, &method.name, method.method.alpha())?;
+        let contacts: Vec<Vec<Contact>> = images.par_iter().map(|image| detector.detect(image)).collect();
+        let score = score_contacts(&images, &contacts, truth, &method.name, method.method.alpha())?;
         let quantity = method.method.reconstruct().quantity();
         Ok(Shown { name: method.name.clone(), how: method.how(), images, quantity, contacts, score })
     }

@@ -8,39 +8,102 @@
 //! ```
 
 use crate::geom::Point3;
+use FieldKind::{Change, Count, Number};
 use serde::{Deserialize, Deserializer, Serialize};
 
 /// One contact on the skin, true or estimated.
 ///
-/// An unknown quantity is `NaN` (ground truth has no standard deviation, uncalibrated estimates have no force).
+/// An unknown quantity is `NaN`, in JSON `null` (ground truth has no standard deviation, uncalibrated estimates have no
+/// force).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Contact {
-    /// Number of the contact, unique within its frame. With tracking it stays the same while the contact lasts.
+    /// Number of the contact, unique within its frame. With tracking it is constant while the contact lasts and never used
+    /// again.
     pub id: u64,
     /// Position on the surface, in the body's frame, m.
     pub position_m: Point3,
     /// Outward unit normal at the position.
     pub normal: Point3,
-    /// Integral of the image over the contact: relative change of conductance times area, m2.
+    /// Integral of the image over the contact: relative change of conductance (or newtons, for images of touches) times
+    /// area, m2.
     #[serde(deserialize_with = "number_or_null")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub strength: f64,
     /// Area where the image exceeds half of the contact's peak, m2.
     #[serde(deserialize_with = "number_or_null")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub area_m2: f64,
-    /// Normal force on the skin, positive when pressing, N.
+    /// Normal force on the skin, positive when pressing, N; only if the skin or the method is calibrated.
     #[serde(deserialize_with = "number_or_null")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub force_n: f64,
-    /// Standard deviation of the force, N.
+    /// Standard deviation of the force, N; unknown with a force that is a lower bound, because it is larger than the
+    /// calibration can tell.
     #[serde(default = "unknown", deserialize_with = "number_or_null")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub force_sd_n: f64,
     /// Standard deviation of the position along the surface, per axis, m.
     #[serde(deserialize_with = "number_or_null")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub sd_m: f64,
     /// Probability that a true contact is within 20 mm.
     pub confidence: f64,
-    /// The sign of the conductance change, where contacts of both signs were looked for.
+    /// The sign of the conductance change, where contacts of both signs are looked for: `rises` or `falls`, as a number 1
+    /// or -1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub conductance: Option<ConductanceChange>,
+}
+
+/// A field of a contact: its names and its value in every output. JSON follows from the type itself.
+#[derive(Debug)]
+pub struct Field<T> {
+    /// Its key in JSON.
+    pub key: &'static str,
+    /// Its columns in tables, one for each component.
+    pub columns: &'static [&'static str],
+    /// Its fields in a point cloud of ROS 2, one for each component; empty if float32 cannot hold it.
+    pub ros: &'static [&'static str],
+    /// What its numbers are.
+    pub kind: FieldKind,
+    /// Its components, each a number: `NaN` if unknown.
+    value: fn(&T) -> Point3,
+}
+
+/// The kind of a [`Field`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FieldKind {
+    /// A whole number.
+    Count,
+    /// A number, or a vector.
+    Number,
+    /// The sign of a change: 1 if it [rises](ConductanceChange), -1 if it falls.
+    Change,
+    /// Yes, 1, or no, 0.
+    Flag,
+}
+
+impl<T> Field<T> {
+    /// A field; the columns, and the fields in ROS 2, are those of the first components of the value.
+    pub(crate) const fn new(
+        key: &'static str,
+        columns: &'static [&'static str],
+        ros: &'static [&'static str],
+        kind: FieldKind,
+        value: fn(&T) -> Point3,
+    ) -> Self {
+        Field { key, columns, ros, kind, value }
+    }
+
+    /// Its name in structured arrays: the key of a vector, the column of a number.
+    pub fn array_name(&self) -> &'static str {
+        if let [column] = self.columns { column } else { self.key }
+    }
+
+    /// Its components as numbers.
+    pub fn numbers(&self, of: &T) -> impl Iterator<Item = f64> {
+        (self.value)(of).into_iter().take(self.columns.len())
+    }
 }
 
 /// The sign of a conductance change.
@@ -82,29 +145,23 @@ impl ConductanceChange {
 }
 
 impl Contact {
-    /// The columns of a contact in tables (CSV, NPZ): the keys of its JSON, vectors by component.
-    pub const COLUMNS: [&str; 13] = [
-        "id",
-        "x_m",
-        "y_m",
-        "z_m",
-        "normal_x",
-        "normal_y",
-        "normal_z",
-        "force_n",
-        "force_sd_n",
-        "strength",
-        "area_m2",
-        "sd_m",
-        "confidence",
+    /// Its fields, in the order of tables.
+    pub const FIELDS: [Field<Self>; 10] = [
+        Field::new("id", &["id"], &["id"], Count, |contact| [contact.id as f64; 3]),
+        Field::new("position_m", &["x_m", "y_m", "z_m"], &["x", "y", "z"], Number, |contact| contact.position_m),
+        Field::new("normal", &["normal_x", "normal_y", "normal_z"], &["nx", "ny", "nz"], Number, |contact| {
+            contact.normal
+        }),
+        Field::new("force_n", &["force_n"], &["force"], Number, |contact| [contact.force_n; 3]),
+        Field::new("force_sd_n", &["force_sd_n"], &["force_sd"], Number, |contact| [contact.force_sd_n; 3]),
+        Field::new("strength", &["strength"], &["strength"], Number, |contact| [contact.strength; 3]),
+        Field::new("area_m2", &["area_m2"], &["area"], Number, |contact| [contact.area_m2; 3]),
+        Field::new("sd_m", &["sd_m"], &["sd"], Number, |contact| [contact.sd_m; 3]),
+        Field::new("confidence", &["confidence"], &["confidence"], Number, |contact| [contact.confidence; 3]),
+        Field::new("conductance", &["conductance"], &["conductance"], Change, |contact| {
+            [contact.conductance.map_or(f64::NAN, ConductanceChange::sign); 3]
+        }),
     ];
-
-    /// The values of [`COLUMNS`](Self::COLUMNS) without the id; unknown values are `NaN`.
-    pub fn values(&self) -> [f64; 12] {
-        let Contact { position_m: [x, y, z], normal: [nx, ny, nz], .. } = *self;
-        let Contact { force_n, force_sd_n, strength, area_m2, sd_m, confidence, .. } = *self;
-        [x, y, z, nx, ny, nz, force_n, force_sd_n, strength, area_m2, sd_m, confidence]
-    }
 
     /// A known touch at a place; unknown quantities are `NaN`.
     pub fn truth(position_m: Point3, normal: Point3, force_n: f64) -> Self {

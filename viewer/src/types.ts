@@ -126,18 +126,8 @@ export interface RefusedMessage {
 
 export type ServerMessage = SceneMessage | StatusMessage | RefusedMessage;
 
+/** A contact, as in JSON lines (docs/file-formats.md). Written by a test of dermis-live. */
 export interface Contact {
-  id: number;
-  position_m: Vec3;
-  normal: Vec3;
-  flat_m: Vec2 | null;
-  strength: number | null;
-  area_m2: number | null;
-  force_n: number | null;
-  force_sd_n: number | null;
-  sd_m: number | null;
-  confidence: number | null;
-  since_s: number | null;
 }
 
 export interface Validity {

@@ -137,7 +137,13 @@ export function contact(id, { theta, z, force }, since) {
     force_sd_n: 0.3 * force,
     sd_m: 0.0012,
     confidence: 0.98,
-    since_s: since,
+    centroid_m: onCylinder(theta, z),
+    centre_of_pressure_m: onCylinder(theta, z),
+    velocity_m_s: [0, 0, 0],
+    seen: true,
+    since: Math.round(1e9 * since),
+    age_s: 0,
+    zone: null,
   };
 }
 

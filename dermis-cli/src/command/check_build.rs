@@ -2,7 +2,7 @@
 
 use crate::build_page::page;
 use crate::build_watch::{FRAMES, take_frames};
-use crate::console::{Progress, notice_line, print, print_json, warn};
+use crate::console::{Progress, known, notice_line, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::frames::{CURRENTS_HELP, divided};
 use crate::picture::check_page_ending;
@@ -140,11 +140,6 @@ impl Arguments {
         }
         text
     }
-}
-
-/// A number that JSON has; its `null` for one that is not known.
-fn known(value: f64) -> Option<f64> {
-    value.is_finite().then_some(value)
 }
 
 fn as_json(skin: &Skin, check: &BuildCheck, source: &str) -> serde_json::Value {

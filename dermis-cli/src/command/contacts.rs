@@ -1,19 +1,18 @@
 //! `dermis contacts`: frames to contacts.
 
-use crate::console::{Progress, print};
+use crate::console::print;
 use crate::failure::{Failure, Outcome};
-use crate::frames::FrameArguments;
+use crate::frames::{FrameArguments, of_each};
 use crate::method::{DetectArguments, MethodArguments};
 use crate::skin;
 use clap::{Args, ValueEnum};
-use dermis::contact::{ConductanceChange, Contact};
+use dermis::contact::{ConductanceChange, Contact, Field, FieldKind};
 use dermis::frame::write_whole;
 use dermis::geom::Surface;
 use dermis::method::Method;
 use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_calibrate::{Calibration, Pose};
-use rayon::prelude::*;
 use serde::Serialize;
 use std::io::Write;
 use std::path::PathBuf;
@@ -48,9 +47,6 @@ enum Coordinates {
     Robot,
 }
 
-/// Writes the contacts of frames on a surface.
-type Format = fn(&mut dyn Write, &[Vec<Contact>], &Surface) -> std::io::Result<()>;
-
 /// A frame as a line of JSON.
 #[derive(Serialize)]
 struct FrameContacts<'a> {
@@ -61,25 +57,21 @@ struct FrameContacts<'a> {
 impl Arguments {
     /// Detects the contacts and writes them.
     pub fn run(self) -> Outcome {
-        let write = self.format()?;
+        let is_table = self.is_table()?;
         let skin = skin::load(&self.design)?;
         let differences = self.frames.read(&skin, self.method.left_out())?;
         let method = self.method.prepare(&skin, &differences)?;
         let pose = self.pose(&skin, &method)?;
         let detector = self.detect.detector(&skin, &method, &differences.untouched)?;
-        let progress = Progress::new("reconstructing", differences.frames.len());
-        let contacts = differences.frames.par_iter().map(|difference| {
-            let contacts = method.contacts(difference, &detector);
-            progress.step();
-            contacts
-        });
-        let mut contacts = contacts.collect::<Result<Vec<Vec<Contact>>, _>>()?;
-        drop(progress);
+        let mut contacts = of_each(&differences.frames, |difference| method.contacts(difference, &detector))?;
         if let Some(pose) = pose {
             contacts.iter_mut().flatten().for_each(|contact| to_robot(contact, &pose));
         }
         let surface = skin.design().body.surface();
-        write_whole(&self.output, |out| write(out, &contacts, &surface))?;
+        write_whole(&self.output, |out| match is_table {
+            true => write_csv(out, &contacts, &surface, self.detect.both_signs()),
+            false => write_jsonl(out, &contacts),
+        })?;
         let count: usize = contacts.iter().map(Vec::len).sum();
         let (contacts, frames) = (counted(count, "contact"), counted(contacts.len(), "frame"));
         print(&format!("{}: {contacts} in {frames} ({})\n", self.output.display(), method.description()))
@@ -102,11 +94,11 @@ impl Arguments {
         pose.map(Some).ok_or_else(unknown)
     }
 
-    fn format(&self) -> Outcome<Format> {
+    /// Whether a table is written, and not lines of JSON.
+    fn is_table(&self) -> Outcome<bool> {
         match self.output.extension().and_then(|extension| extension.to_str()) {
-            Some("csv") if self.detect.both_signs() => Ok(write_csv_of_both_signs),
-            Some("csv") => Ok(write_csv),
-            Some("jsonl") => Ok(write_jsonl),
+            Some("csv") => Ok(true),
+            Some("jsonl") => Ok(false),
             _ => {
                 let message = format!("{}: contacts are written as .csv or .jsonl", self.output.display());
                 Err(Failure::given(message, Some("choose one of these endings")))
@@ -121,38 +113,35 @@ fn to_robot(contact: &mut Contact, pose: &Pose) {
     contact.normal = pose.direction_to_robot(contact.normal);
 }
 
-/// A row for each contact.
-fn write_csv(out: &mut dyn Write, frames: &[Vec<Contact>], surface: &Surface) -> std::io::Result<()> {
-    write_rows(out, frames, surface, "", |_| String::new())
-}
-
-/// A row for each contact, with the sign of its change of conductance.
-fn write_csv_of_both_signs(out: &mut dyn Write, frames: &[Vec<Contact>], surface: &Surface) -> std::io::Result<()> {
-    let sign = |contact: &Contact| format!(",{}", contact.conductance.map_or("", ConductanceChange::name));
-    write_rows(out, frames, surface, ",conductance", sign)
-}
-
-fn write_rows(
-    out: &mut dyn Write,
-    frames: &[Vec<Contact>],
-    surface: &Surface,
-    last_column: &str,
-    last: impl Fn(&Contact) -> String,
-) -> std::io::Result<()> {
-    writeln!(out, "frame,{},theta_rad{last_column}", Contact::COLUMNS.join(","))?;
-    for (frame, contacts) in frames.iter().enumerate() {
-        for contact in contacts {
-            let known = |value: f64| if value.is_finite() { format!("{value:?}") } else { String::new() };
-            let theta_rad = surface.theta_rad(contact.position_m).map_or_else(String::new, known);
-            let values: Vec<String> = contact.values().into_iter().map(known).collect();
-            writeln!(out, "{frame},{},{},{theta_rad}{}", contact.id, values.join(","), last(contact))?;
-        }
+/// A row for each contact; its sign is last, where contacts of both signs were looked for.
+fn write_csv(out: &mut dyn Write, frames: &[Vec<Contact>], surface: &Surface, both_signs: bool) -> std::io::Result<()> {
+    let is_sign = |field: &&Field<Contact>| field.kind == FieldKind::Change;
+    let fields = Contact::FIELDS.iter().filter(|field| !is_sign(field));
+    let signs = Contact::FIELDS.iter().filter(|field| both_signs && is_sign(field));
+    let columns = |field: &Field<Contact>| field.columns.join(",");
+    let header = fields.clone().map(columns).chain(["theta_rad".into()]).chain(signs.clone().map(columns));
+    writeln!(out, "frame,{}", header.collect::<Vec<String>>().join(","))?;
+    for (frame, contact) in frames.iter().enumerate().flat_map(|(frame, found)| found.iter().map(move |of| (frame, of)))
+    {
+        let cells = |field: &Field<Contact>| match field.kind {
+            FieldKind::Count => field.numbers(contact).map(|count| count.to_string()).collect(),
+            FieldKind::Change => contact.conductance.map_or("", ConductanceChange::name).into(),
+            _ => field.numbers(contact).map(known).collect::<Vec<String>>().join(","),
+        };
+        let theta_rad = surface.theta_rad(contact.position_m).map_or_else(String::new, known);
+        let row = fields.clone().map(cells).chain([theta_rad]).chain(signs.clone().map(cells));
+        writeln!(out, "{frame},{}", row.collect::<Vec<String>>().join(","))?;
     }
     Ok(())
 }
 
+/// A number; empty if unknown.
+fn known(value: f64) -> String {
+    if value.is_finite() { format!("{value:?}") } else { String::new() }
+}
+
 /// A line of JSON for each frame.
-fn write_jsonl(out: &mut dyn Write, frames: &[Vec<Contact>], _: &Surface) -> std::io::Result<()> {
+fn write_jsonl(out: &mut dyn Write, frames: &[Vec<Contact>]) -> std::io::Result<()> {
     for (frame, contacts) in frames.iter().enumerate() {
         serde_json::to_writer(&mut *out, &FrameContacts { frame, contacts })?;
         out.write_all(b"\n")?;

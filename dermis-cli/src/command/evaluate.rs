@@ -3,7 +3,7 @@
 use crate::calibrated::{CalibratedEvaluation, force_line, millimetres};
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
-use crate::frames::{FrameArguments, images};
+use crate::frames::{FrameArguments, of_each};
 use crate::method::{DetectArguments, MethodArguments};
 use crate::press_report::{Estimate, EvaluatedPress, PressReport, ReportArguments, matched};
 use crate::range::count;
@@ -17,7 +17,6 @@ use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_calibrate::Pose;
 use dermis_sim::evaluate::{Aligned, Alignment, Score, score_contacts};
-use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -109,9 +108,8 @@ impl Arguments {
         let method = self.method.prepare(skin, &differences)?;
         let detector = self.detect.detector(skin, &method, &differences.untouched)?;
         let (rows, frames, truth) = self.chosen(differences.frames, truth)?;
-        let images = images(&method, &frames)?;
-        let contacts = frames.par_iter().map(|frame| method.contacts(frame, &detector));
-        let contacts = contacts.collect::<Result<Vec<Vec<Contact>>, _>>()?;
+        let found = of_each(&frames, |difference| method.reconstruct().image_and_contacts(difference, &detector))?;
+        let (images, contacts): (Vec<_>, Vec<_>) = found.into_iter().unzip();
         let score = score_contacts(&images, &contacts, &truth, method.label(), method.alpha())?;
         let surface = skin.design().body.surface();
         let of_frame =

@@ -1,7 +1,7 @@
 //! `dermis plot`: pictures of a skin.
 
 use crate::failure::{Failure, Outcome};
-use crate::frames::{CurrentArguments, FrameArguments, images};
+use crate::frames::{CurrentArguments, FrameArguments, of_each};
 use crate::method::MethodArguments;
 use crate::picture::PictureFormat;
 use crate::range::count;
@@ -182,9 +182,10 @@ impl Arguments {
         let differences = frames.read(&skin, self.method.left_out())?;
         let method = self.method.prepare(&skin, &differences)?;
         let how = method.description();
-        let (images, detector) = (images(&method, &differences.frames)?, method.detector(&differences.untouched)?);
-        let contacts = differences.frames.iter().map(|frame| method.contacts(frame, &detector));
-        let contacts = contacts.collect::<Result<_, _>>()?;
+        let detector = method.detector(&differences.untouched)?;
+        let found =
+            of_each(&differences.frames, |difference| method.reconstruct().image_and_contacts(difference, &detector))?;
+        let (images, contacts) = found.into_iter().unzip();
         Ok(Seen { images, quantity: method.reconstruct().quantity(), contacts, how })
     }
 }

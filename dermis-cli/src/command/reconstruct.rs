@@ -2,7 +2,7 @@
 
 use crate::console::print;
 use crate::failure::{Failure, Outcome};
-use crate::frames::{FrameArguments, images};
+use crate::frames::{FrameArguments, of_each};
 use crate::method::MethodArguments;
 use crate::skin::{self, Per};
 use clap::Args;
@@ -40,7 +40,7 @@ impl Arguments {
         let is_mesh_file = self.is_mesh_file()?;
         let differences = self.frames.read(&skin, self.method.left_out())?;
         let method = self.method.prepare(&skin, &differences)?;
-        let images = images(&method, &differences.frames)?;
+        let images = of_each(&differences.frames, |difference| method.image(difference))?;
         let size = if is_mesh_file { self.write_cells(&skin, &images)? } else { self.write_array(&images)? };
         print(&format!("{}: {size} ({})\n", self.output.display(), method.description()))
     }

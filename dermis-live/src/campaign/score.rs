@@ -196,7 +196,7 @@ impl<'a> Scorer<'a> {
         let is_pressed = !self.recent.is_empty();
         FrameCounts {
             frames: 1,
-            false_contacts: u64::from(frame.contacts.iter().any(|contact| is_false(contact.position_m))),
+            false_contacts: u64::from(frame.contacts.iter().any(|contact| is_false(contact.contact.position_m))),
             wrong_touch: u64::from(frame.touched == Some(true) && !is_pressed),
             invalid: u64::from(!frame.validity.is_usable()),
         }
@@ -222,7 +222,7 @@ impl<'a> Scorer<'a> {
             let near = frame
                 .contacts
                 .iter()
-                .any(|contact| self.surface.distance_m(contact.position_m, press.centre_m) <= FALSE_M);
+                .any(|contact| self.surface.distance_m(contact.contact.position_m, press.centre_m) <= FALSE_M);
             match self.expected.iter_mut().find(|known| known.press.centre_m == press.centre_m) {
                 Some(known) => {
                     known.until_s = time_s;

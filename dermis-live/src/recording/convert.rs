@@ -3,7 +3,7 @@
 use crate::recording::read::{Messages, ReadItem};
 use crate::recording::walk::End;
 use crate::recording::{RecordError, Session, npz};
-use crate::sinks::ros2::{self as ros, CONTACT_FIELDS, Image, PointCloud2, Topic};
+use crate::sinks::ros2::{self as ros, CONTACT_COLUMNS, ContactColumn, Image, PointCloud2, Topic};
 use dermis::files::NewFolder;
 use dermis::text::counted;
 use serde::Serialize;
@@ -58,8 +58,8 @@ pub(super) struct Columns {
     pub output_ns: Vec<u64>,
     /// The frame of each contact.
     pub contact_frames: Vec<u64>,
-    /// The bytes of each contact, in the order of [`CONTACT_FIELDS`].
-    pub contacts: Vec<[[u8; 4]; CONTACT_FIELDS.len()]>,
+    /// The bytes of each contact, in the order of [`CONTACT_COLUMNS`].
+    pub contacts: Vec<Vec<[u8; 4]>>,
 }
 
 /// A complete frame.
@@ -143,7 +143,7 @@ impl Rows {
 fn check(row: &Row) -> Result<(), String> {
     let cells = |image: &Image| u64::from(image.height) * u64::from(image.width) * 4;
     let fits = |image: &Image| image.encoding == "32FC1" && cells(image) == image.data.len() as u64;
-    let points = u64::from(row.contacts.width) * (4 * CONTACT_FIELDS.len() as u64);
+    let points = u64::from(row.contacts.width) * u64::from(row.contacts.point_step);
     if fits(&row.values) && fits(&row.image) && points == row.contacts.data.len() as u64 {
         Ok(())
     } else {
@@ -164,7 +164,7 @@ fn tables(path: &Path, folder: &Path) -> Result<(Converted, Columns), RecordErro
     };
     let [mut frames, mut times, mut contacts] = [create("frames.csv")?, create("times.csv")?, create("contacts.csv")?];
     let io = |source| RecordError::io(folder, source);
-    let names: Vec<&str> = CONTACT_FIELDS.iter().map(|field| field.1).collect();
+    let names: Vec<&str> = CONTACT_COLUMNS.iter().map(|column| column.column).collect();
     writeln!(times, "sequence,measured_s,output_s").map_err(io)?;
     writeln!(contacts, "frame,measured_s,{}", names.join(",")).map_err(io)?;
     let mut rows = Rows::open(path)?;
@@ -212,21 +212,30 @@ fn frame_line(file: &mut impl Write, values: &Image) -> std::io::Result<()> {
 }
 
 fn contact_lines(file: &mut impl Write, frame: usize, row: &Row, columns: &mut Columns) -> std::io::Result<()> {
-    let (numbers, _) = row.contacts.data.as_chunks::<4>();
-    let (contacts, _) = numbers.as_chunks::<{ CONTACT_FIELDS.len() }>();
-    for contact in contacts {
+    let offsets: Vec<Option<usize>> = CONTACT_COLUMNS.iter().map(|column| offset(column, &row.contacts)).collect();
+    for point in row.contacts.data.chunks_exact((row.contacts.point_step as usize).max(1)) {
         write!(file, "{frame},{}", seconds(row.measured_ns))?;
-        for ((name, ..), &bytes) in CONTACT_FIELDS.iter().zip(contact) {
-            match *name {
-                "id" => write!(file, ",{}", u32::from_le_bytes(bytes))?,
-                _ => write!(file, ",{:?}", f32::from_le_bytes(bytes))?,
+        let bytes = |offset: &Option<usize>| point.get((*offset)?..)?.first_chunk().copied();
+        let contact = offsets.iter().map(|offset| bytes(offset).unwrap_or(f32::NAN.to_le_bytes())).collect();
+        for (column, &bytes) in CONTACT_COLUMNS.iter().zip(&contact) {
+            match column.is_count {
+                true => write!(file, ",{}", u32::from_le_bytes(bytes))?,
+                false => write!(file, ",{:?}", f32::from_le_bytes(bytes))?,
             }
         }
         writeln!(file)?;
         columns.contact_frames.push(frame as u64);
-        columns.contacts.push(*contact);
+        columns.contacts.push(contact);
     }
     Ok(())
+}
+
+/// Where a point cloud has a number of a contact; `None` in a recording of a version without it.
+fn offset(column: &ContactColumn, contacts: &PointCloud2) -> Option<usize> {
+    // Its name in recordings of earlier versions.
+    let earlier = if column.ros == "conductance" { "sign" } else { column.ros };
+    let field = contacts.fields.iter().find(|field| field.name == column.ros || field.name == earlier)?;
+    Some(field.offset as usize)
 }
 
 /// Seconds with nine decimals, which a 64-bit float would not represent.

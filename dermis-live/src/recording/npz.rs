@@ -2,7 +2,7 @@
 
 use crate::recording::RecordError;
 use crate::recording::convert::{Columns, Converted, Row, Rows};
-use crate::sinks::ros2::{CONTACT_FIELDS, Image};
+use crate::sinks::ros2::{CONTACT_COLUMNS, Image};
 use dermis::frame::npy_header;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -54,9 +54,10 @@ fn small(archive: &mut Archive, columns: &Columns) -> std::io::Result<()> {
     array(archive, "measured_ns", "<u8", columns.measured_ns.iter().map(|value| value.to_le_bytes()))?;
     array(archive, "output_ns", "<u8", columns.output_ns.iter().map(|value| value.to_le_bytes()))?;
     array(archive, "contact_frame", "<u8", columns.contact_frames.iter().map(|value| value.to_le_bytes()))?;
-    for (index, (_, column, _)) in CONTACT_FIELDS.iter().enumerate() {
-        let dtype = if *column == "id" { "<u4" } else { "<f4" };
-        array(archive, &format!("contact_{column}"), dtype, columns.contacts.iter().map(|contact| contact[index]))?;
+    for (index, column) in CONTACT_COLUMNS.iter().enumerate() {
+        let dtype = if column.is_count { "<u4" } else { "<f4" };
+        let name = format!("contact_{}", column.column);
+        array(archive, &name, dtype, columns.contacts.iter().map(|contact| contact[index]))?;
     }
     Ok(())
 }

@@ -157,7 +157,7 @@ impl Messages {
                 }
                 _ if session.take(&item) => return Ok(Some(ReadItem::Session)),
                 Item::Channel(channel) => {
-                    let found = Topic::ALL.into_iter().find(|topic| topic.absolute("") == channel.topic);
+                    let found = Topic::all().find(|topic| topic.absolute("") == channel.topic);
                     self.topics.insert(channel.id, found);
                 }
                 Item::Message { header, data } => {

@@ -37,7 +37,7 @@ pub struct Written {
 pub struct Recorder {
     path: PathBuf,
     writer: mcap::Writer<Output<Box<dyn Write + Send>>>,
-    channels: [u16; Topic::ALL.len()],
+    channels: [u16; Topic::COUNT],
     reference: Reference,
     due: Due,
     chunk: ChunkClock,
@@ -248,9 +248,9 @@ pub(super) fn output<W: Write>(output: W) -> Output<W> {
 }
 
 /// The channels of all topics.
-fn channels(writer: &mut mcap::Writer<Output<Box<dyn Write + Send>>>) -> mcap::McapResult<[u16; Topic::ALL.len()]> {
-    let mut channels = [0; Topic::ALL.len()];
-    for topic in Topic::ALL {
+fn channels(writer: &mut mcap::Writer<Output<Box<dyn Write + Send>>>) -> mcap::McapResult<[u16; Topic::COUNT]> {
+    let mut channels = [0; Topic::COUNT];
+    for topic in Topic::all() {
         let type_name = topic.type_name();
         let schema = writer.add_schema(type_name, "ros2msg", ros::definition(type_name).as_bytes())?;
         channels[topic as usize] = writer.add_channel(schema, &topic.absolute(""), "cdr", &BTreeMap::new())?;

@@ -4,3 +4,6 @@ pub mod jsonl;
 pub mod ros2;
 pub mod viewer;
 pub mod watchdog;
+
+#[cfg(test)]
+mod tests;

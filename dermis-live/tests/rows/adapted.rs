@@ -27,7 +27,7 @@ fn frames_are_processed_without_it_until_it_is_ready() {
     bench.rebuild();
     assert!(!bench.pipeline.wants_rebuild());
     let [without, after] = [&mut plain, &mut bench].map(|bench| until(bench, 3.0));
-    let last = |frames: &[PipelineFrame]| frames.last().unwrap().contacts[0].position_m;
+    let last = |frames: &[PipelineFrame]| frames.last().unwrap().contacts[0].contact.position_m;
     assert_ne!(last(&without), last(&after));
     // Twice the 95th percentile over all places.
     let off_m = surface_distance(last(&after), along(&press(), 3.0));

@@ -73,13 +73,13 @@ fn shorten(value: &mut serde_json::Value, name: &str) {
 #[test]
 fn a_contact_does_not_outlast_a_gap_and_ids_do_not_come_again() {
     let mut bench = Bench::new(lab(), 63, vec![press(1.0), press(6.0), press(10.0)], Settings::default());
-    assert_eq!(until(&mut bench, 1.5).last().unwrap().contacts[0].id, 1);
+    assert_eq!(until(&mut bench, 1.5).last().unwrap().contacts[0].contact.id, 1);
     // Lifted and pressed again during the gap.
     bench.next = 6 * 120 + 60;
-    assert_eq!(until(&mut bench, 6.8).last().unwrap().contacts[0].id, 2);
+    assert_eq!(until(&mut bench, 6.8).last().unwrap().contacts[0].contact.id, 2);
     until(&mut bench, 7.5);
     bench.pipeline.command(&Command::Tare).unwrap();
-    assert_eq!(until(&mut bench, 10.8).last().unwrap().contacts[0].id, 3);
+    assert_eq!(until(&mut bench, 10.8).last().unwrap().contacts[0].contact.id, 3);
 }
 
 #[test]
@@ -99,6 +99,6 @@ fn an_electrode_that_is_gone_at_the_tare_is_named_and_the_rest_feels() {
     let pressed = until(&mut bench, 2.4);
     let held = &pressed[20..];
     assert!(held.iter().all(|frame| frame.contacts.len() == 1));
-    let off_m = surface_distance(held[0].contacts[0].position_m, along(&press(1.5), 1.6));
+    let off_m = surface_distance(held[0].contacts[0].contact.position_m, along(&press(1.5), 1.6));
     assert!(off_m < 0.01, "{off_m}");
 }

@@ -50,8 +50,8 @@ fn survives(count: u64) {
         since = since.saturating_add(1);
         assert_eq!(found.sequence, expected.sequence);
         assert_eq!(found.values_ohm, expected.values_ohm);
-        let [a, b] =
-            [&found, &expected].map(|frame| frame.contacts.iter().map(|contact| contact.id).collect::<Vec<u64>>());
+        let [a, b] = [&found, &expected]
+            .map(|frame| frame.contacts.iter().map(|contact| contact.contact.id).collect::<Vec<u64>>());
         if a != b {
             // A contact is reported from its second frame on and ends 50 ms after its last one: if one of these frames
             // is lost, it begins or ends one frame earlier or later.
@@ -60,7 +60,7 @@ fn survives(count: u64) {
             continue;
         }
         for (a, b) in found.contacts.iter().zip(&expected.contacts) {
-            let off_m = dermis::geom::vector::distance(a.position_m, b.position_m);
+            let off_m = dermis::geom::vector::distance(a.contact.position_m, b.contact.position_m);
             contacts += 1;
             moved += u64::from(off_m > 1e-5);
             farthest_m = farthest_m.max(off_m);

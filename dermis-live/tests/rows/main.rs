@@ -85,8 +85,8 @@ fn a_press_of_ten_minutes_does_not_fade_with_drift() {
             let frame = bench.frame();
             if time_s > 21.0 {
                 assert_eq!(frame.contacts.len(), 1, "seed {seed}, {time_s} s");
-                assert_eq!(frame.contacts[0].id, 1);
-                strengths.push(frame.contacts[0].strength);
+                assert_eq!(frame.contacts[0].contact.id, 1);
+                strengths.push(frame.contacts[0].contact.strength);
             }
         }
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
@@ -107,10 +107,10 @@ fn a_slide_across_the_seam_is_one_contact_as_exact_as_one_that_stays() {
     while bench.time_s() < 3.1 {
         let time_s = bench.time_s();
         let frame = bench.frame();
-        ids.extend(frame.contacts.iter().map(|contact| contact.id));
+        ids.extend(frame.contacts.iter().map(|contact| contact.contact.id));
         if (1.05..2.95).contains(&time_s) {
             assert_eq!(frame.contacts.len(), 1, "{time_s} s");
-            errors_m.push(surface_distance(frame.contacts[0].position_m, along(&slide, time_s)));
+            errors_m.push(surface_distance(frame.contacts[0].contact.position_m, along(&slide, time_s)));
         }
     }
     // The same positions, one after another, each held.
@@ -121,7 +121,7 @@ fn a_slide_across_the_seam_is_one_contact_as_exact_as_one_that_stays() {
         let mut bench = Bench::new(lab(), 71, vec![stroke(0.9, 5.0, at, None, 2.0)], Settings::default());
         (0..40).for_each(|_| drop(bench.frame()));
         let frame = bench.frame();
-        still_m.push(surface_distance(frame.contacts[0].position_m, along(&slide, time_s)));
+        still_m.push(surface_distance(frame.contacts[0].contact.position_m, along(&slide, time_s)));
     }
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     println!("sliding {:.2} mm off, still {:.2} mm, ids {ids:?}", 1e3 * mean(&errors_m), 1e3 * mean(&still_m));

@@ -89,9 +89,9 @@ fn exchanged(fingers: &[Vec<Stroke>; 2], seed: u64) -> bool {
         let owner = |finger: &Vec<Stroke>| {
             let now = finger.iter().find(|stroke| (stroke.at_s..stroke.at_s + stroke.for_s).contains(&time_s))?;
             let near = |contact: &&dermis::pipeline::TrackedContact| {
-                surface_distance(contact.position_m, along(now, time_s)) < 0.015
+                surface_distance(contact.contact.position_m, along(now, time_s)) < 0.015
             };
-            frame.contacts.iter().find(near).map(|contact| contact.id)
+            frame.contacts.iter().find(near).map(|contact| contact.contact.id)
         };
         if (1.1..1.2).contains(&time_s) {
             start = fingers.iter().map(owner).collect();

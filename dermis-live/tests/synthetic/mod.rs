@@ -1,6 +1,7 @@
 //! Frames of pressed skins, computed from their number alone, for tests that write, send and read them.
 #![allow(dead_code, reason = "each test takes what it needs")]
 
+use dermis::contact::Contact;
 use dermis::design::SkinDesign;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
@@ -53,7 +54,7 @@ impl SyntheticSkin {
     pub fn frame(&self, index: u64) -> LiveFrame {
         let measured_at = BEGINNING.after(std::time::Duration::from_nanos(index * 1_000_000_000 / RATE));
         let pressing = index / 60 % 4 != 3;
-        let contacts = if pressing { vec![self.contact(index, 7), self.contact(index, 8)] } else { Vec::new() };
+        let contacts = if pressing { [7, 8].map(|id| self.contact(index, measured_at, id)).into() } else { Vec::new() };
         let channels = self.design.protocol.channel_count();
         let result = PipelineFrame {
             sequence: index,
@@ -73,26 +74,27 @@ impl SyntheticSkin {
         }
     }
 
-    fn contact(&self, index: u64, id: u64) -> TrackedContact {
+    fn contact(&self, index: u64, measured_at: Timestamp, id: u64) -> TrackedContact {
         let space = &self.reference.space;
         let pixel = (id as usize * 7919) % space.len();
         let strength = 1e-4 * (1.0 + (index as f64 * 0.1).sin());
+        let force_n = if id == 7 { 2.5 } else { f64::NAN };
         TrackedContact {
-            id,
-            position_m: space.centres_m[pixel],
-            normal: space.normals[pixel],
+            contact: Contact {
+                id,
+                strength,
+                area_m2: 3e-4,
+                force_sd_n: 0.1 * force_n,
+                sd_m: 0.002,
+                confidence: 0.95,
+                ..Contact::truth(space.centres_m[pixel], space.normals[pixel], force_n)
+            },
             centroid_m: space.centres_m[pixel],
             centre_of_pressure_m: space.centres_m[pixel],
             velocity_m_s: [0.01, 0.0, -0.02],
-            strength,
-            area_m2: 3e-4,
-            force_n: (id == 7).then_some(2.5),
-            force_sd_n: (id == 7).then_some(0.25),
-            sd_m: 0.002,
-            confidence: 0.95,
-            conductance: None,
             seen: true,
             since: BEGINNING,
+            age_s: measured_at.seconds_since(BEGINNING),
             zone: None,
         }
     }

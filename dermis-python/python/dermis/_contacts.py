@@ -6,41 +6,17 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-_VECTORS = {"position_m": ["x_m", "y_m", "z_m"], "normal": ["normal_x", "normal_y", "normal_z"]}
-_FIELDS = [
-    ("frame", "i8"),
-    ("id", "u8"),
-    ("position_m", "f8", 3),
-    ("normal", "f8", 3),
-    ("force_n", "f8"),
-    ("force_sd_n", "f8"),
-    ("strength", "f8"),
-    ("area_m2", "f8"),
-    ("sd_m", "f8"),
-    ("confidence", "f8"),
-    ("sign", "f8"),
-]
-_TRACKED_FIELDS = [
-    ("centroid_m", "f8", 3),
-    ("centre_of_pressure_m", "f8", 3),
-    ("velocity_m_s", "f8", 3),
-    ("seen", "?"),
-    ("since_s", "f8"),
-]
-_DTYPE = np.dtype(_FIELDS, align=True)
-_TRACKED = np.dtype(_FIELDS + _TRACKED_FIELDS, align=True)
-
 
 class Contacts(np.recarray[Any, Any]):
     """The contacts of frames: a structured array with a row per contact.
 
     Fields: `frame` (index), `id`, `position_m` (3,), `normal` (3,) outward, `force_n` and `force_sd_n` (N, NaN where
     unknown), `strength` (integral of the image, m2), `area_m2`, `sd_m` (standard deviation of the position per axis),
-    `confidence` (0 to 1), `sign` (1 if the conductance rises, -1 if it falls, NaN if one sign was looked for).
+    `confidence` (0 to 1), `conductance` (1 if it rises, -1 if it falls, NaN if one sign was looked for).
 
     Contacts of a pipeline are tracked: `id` lasts while the contact lasts, `frame` is the number of the frame, and there
-    are `centroid_m`, `centre_of_pressure_m`, `velocity_m_s` (3,), `seen` (False while the position is predicted) and
-    `since_s` (start, s since 1970).
+    are `centroid_m`, `centre_of_pressure_m`, `velocity_m_s` (3,), `seen` (False while the position is predicted),
+    `since_s` (start, s since 1970) and `age_s` (time since then).
     """
 
     def of_frame(self, frame: int) -> Self:
@@ -51,13 +27,12 @@ class Contacts(np.recarray[Any, Any]):
         """A pandas.DataFrame with the columns of `dermis contacts -o contacts.csv`; vectors by component."""
         import pandas
 
-        columns = {}
+        from dermis._dermis import contact_columns
+
+        vectors, columns = contact_columns(), {}
         for name in self.dtype.names:
-            if self.dtype[name].shape:
-                components = _VECTORS.get(name, [f"{name}_{axis}" for axis in "xyz"])
-                columns.update(zip(components, np.asarray(self[name]).T))
-            else:
-                columns[name] = np.asarray(self[name])
+            values = np.asarray(self[name])
+            columns.update(zip(vectors[name], values.T) if name in vectors else {name: values})
         return pandas.DataFrame(columns)
 
     def _repr_html_(self) -> str:
@@ -75,20 +50,9 @@ class Contacts(np.recarray[Any, Any]):
 
 
 def table(columns: Mapping[str, NDArray[Any]]) -> Contacts:
-    """Contacts from the columns of the engine, vectors by component."""
-    return _filled(_DTYPE, columns)
-
-
-def tracked(columns: Mapping[str, NDArray[Any]]) -> Contacts:
-    """Tracked contacts from the columns of the engine."""
-    return _filled(_TRACKED, columns)
-
-
-def _filled(dtype: np.dtype[Any], columns: Mapping[str, NDArray[Any]]) -> Contacts:
+    """Contacts from the columns of the engine."""
+    dtype = np.dtype([(name, column.dtype, column.shape[1:]) for name, column in columns.items()], align=True)
     contacts = np.empty(len(columns["frame"]), dtype).view(Contacts)
-    for name in dtype.names:
-        if name in columns:
-            contacts[name] = columns[name]
-        else:
-            contacts[name] = np.stack([columns[component] for component in _VECTORS[name]], axis=1)
+    for name, column in columns.items():
+        contacts[name] = column
     return contacts

@@ -46,6 +46,9 @@ def shipped_model(name: str) -> tuple[bytes, bytes]:
 def command_options() -> dict[str, dict[str, str]]:
     """The options of each command by name, and the values that they take: none, one, several, or repeated."""
 
+def contact_columns() -> dict[str, list[str]]:
+    """The columns of the vectors of contacts in tables, by their names in arrays."""
+
 def finish_dataset(folder: str | PathLike[str]) -> Dataset:
     """Checks every bit of the files of a folder and writes its manifest, as `dermis simulate --finish`.
 

@@ -129,6 +129,11 @@ pub struct Image {
 }
 
 impl Image {
+    /// An image of zeros.
+    pub fn zeros(space: &Arc<PixelSpace>) -> Self {
+        Image { space: Arc::clone(space), values: vec![0.0; space.len()] }
+    }
+
     /// The grid of values, row-major with `NaN` outside the body; without a grid the values themselves, one per cell.
     pub fn to_grid(&self) -> Vec<f64> {
         let mut picture = match self.space.grid {

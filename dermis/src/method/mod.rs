@@ -233,18 +233,13 @@ impl Method {
         })
     }
 
-    /// The contacts of a difference (frame minus baseline, ohm): located by the method itself, or the peaks of its
-    /// image that the [detector](Self::detector) finds.
+    /// The contacts of a difference (frame minus baseline, ohm), with the [detector](Self::detector) of its images; the
+    /// [reconstruction](Self::reconstruct) gives them with its image.
     ///
     /// # Errors
     /// As [`image`](Self::image).
     pub fn contacts(&self, difference: &Frame, detector: &Detector) -> Result<Vec<Contact>, ReconstructError> {
-        if let Some(contacts) = self.reconstruct.contacts(difference)? {
-            return Ok(contacts);
-        }
-        let mut contacts = detector.detect(&self.image(difference)?);
-        self.reconstruct.correct(difference, &mut contacts);
-        Ok(contacts)
+        Ok(self.reconstruct.image_and_contacts(difference, detector)?.1)
     }
 
     /// The method for a skin with some masked channels. A one-step method is prepared again without them; for any other

@@ -64,9 +64,4 @@ impl MethodSet {
             known: self.names().map(str::to_string).collect(),
         })
     }
-
-    /// The default method.
-    pub fn default_method(&self) -> &Method {
-        self.method("").expect("the default method is prepared first")
-    }
 }

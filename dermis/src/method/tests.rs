@@ -58,7 +58,7 @@ fn a_method_without_channels_ignores_them() {
 fn a_set_has_the_default_and_the_method_that_is_asked_for() {
     let set = MethodSet::new(&Methods::linear(), skin(), Some("greit")).unwrap();
     assert_eq!(set.names().collect::<Vec<_>>(), ["noser", "laplace", "greit"]);
-    assert_eq!((set.default_method().name(), set.extra().unwrap().name()), ("noser", "greit"));
+    assert_eq!((set.method("").unwrap().name(), set.extra().unwrap().name()), ("noser", "greit"));
     assert!(set.method("tv").unwrap_err().to_string().contains("noser, laplace, greit"));
 }
 

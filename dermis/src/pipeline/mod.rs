@@ -38,7 +38,8 @@
 //!     contacts = frame.contacts; // position, normal, force, id: see TrackedContact
 //! }
 //! assert_eq!(contacts.len(), 1);
-//! assert!((contacts[0].position_m[0] - 0.02).abs() < 0.005 && contacts[0].position_m[1].abs() < 0.005);
+//! let [x_m, y_m, _] = contacts[0].contact.position_m;
+//! assert!((x_m - 0.02).abs() < 0.005 && y_m.abs() < 0.005);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
@@ -159,7 +160,7 @@ impl Pipeline {
             masked,
             cost: None,
             reports: Reports::default(),
-            image: Image { space: Arc::clone(skin.pixels()), values: vec![0.0; skin.pixels().len()] },
+            image: Image::zeros(skin.pixels()),
             detector: Detector::default(),
             noise: None,
             noise_factor: 0.0,

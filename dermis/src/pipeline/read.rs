@@ -1,9 +1,7 @@
 //! From a frame to its contacts.
 
-use crate::contact::Contact;
-use crate::detect::Circumstances;
 use crate::finding::Severity;
-use crate::geom::{Point3, Surface};
+use crate::geom::Point3;
 use crate::pipeline::baseline::TouchedFrame;
 use crate::pipeline::common_mode::CommonMode;
 use crate::pipeline::condition::PartMonitor;
@@ -14,19 +12,17 @@ use crate::pipeline::error::PipelineError;
 use crate::pipeline::frame::Measurement;
 use crate::pipeline::instrument::{Findings, InstrumentMonitor, Unjudged, is_most};
 use crate::pipeline::process::FrameTime;
-use crate::pipeline::settings::Settings;
 use crate::pipeline::state::{Marks, Reading};
 use crate::pipeline::statistics::difference;
 use crate::pipeline::timestamp::Timestamp;
 use crate::pipeline::touch_detector::statistic;
 use crate::pipeline::validity::{InvalidReason, Validity};
 use crate::pipeline::{Pipeline, marked, reports};
+use crate::reconstruct::{Detection, Search};
 use crate::track::Sighting;
 
 /// Maximum signal of a sighting that cannot start a contact.
 const NOT_TO_BEGIN: f64 = 0.99;
-/// A contact that the method adds is a part of a detected one within this distance, m.
-const PART_OF_CONTACT_M: f64 = 0.02;
 
 /// The contacts of a frame.
 pub(super) struct Outcome {
@@ -105,7 +101,7 @@ impl Pipeline {
         let (settings, start) = (&self.state.settings, self.state.start.unwrap_or_default());
         let positive = self.methods.skin().design().sheet.touch.change();
         let contacts: Vec<TrackedContact> = (tracked.iter())
-            .map(|tracked| TrackedContact::new(tracked, &self.image, positive, settings, start))
+            .map(|tracked| TrackedContact::new(tracked, &self.image, positive, settings, [start, time.at]))
             .collect();
         let positions_m: Vec<Point3> = tracked.iter().map(|tracked| tracked.contact.position_m).collect();
         self.update_baseline(reading, signal, &positions_m, felt, time)?;
@@ -125,25 +121,21 @@ impl Pipeline {
     }
 
     /// What the method finds in a difference from the baseline; updates the image. `felt`: the result of the touch
-    /// detector.
+    /// detector, without which a contact may continue but none can start.
     fn sightings(&mut self, signal: &Signal<'_>, felt: bool) -> Result<Vec<Sighting>, PipelineError> {
-        let (method, difference) = (self.method.reconstruct(), &signal.difference);
-        method.reconstruct_into(difference, &mut self.image.values)?;
-        Ok(match method.contacts(difference)? {
-            Some(contacts) => sightings_of(contacts, felt),
-            None => {
-                let detected = self.detector.detect_under(&self.image);
-                let mut contacts: Vec<Contact> = detected.iter().map(|(contact, _)| *contact).collect();
-                method.correct(difference, &mut contacts);
-                let masked = &self.state.method_masked;
-                // On a sound skin every touch is in the image; a residual alone is none.
-                let is_missed =
-                    felt && marked(&signal.masked) == *masked && !(detected.is_empty() && masked.is_empty());
-                let threshold = is_missed.then_some(self.noise_factor);
-                let contacts = with_signals(&method.pixels().surface, contacts, &detected, threshold);
-                sightings(contacts, self.noise_factor, &self.state.settings, felt)
-            }
-        })
+        let (settings, masked) = (&self.state.settings, &self.state.method_masked);
+        // On a sound skin every touch is in the image; a residual alone is none.
+        let unseen = (felt && marked(&signal.masked) == *masked).then_some(self.noise_factor);
+        let search = Search { detector: &self.detector, unseen, alone: !masked.is_empty() };
+        let found = self.method.reconstruct().find_contacts(&signal.difference, search, &mut self.image)?;
+        let sighting = |Detection { contact, signal }| {
+            let needed = self.noise_factor * settings.threshold_at(contact.position_m);
+            let signal = if needed > 0.0 { signal / needed } else { f64::INFINITY };
+            // In an image without noise the signal-to-noise ratio is not defined.
+            let signal = if signal.is_nan() { settings.lowest_threshold() } else { signal };
+            Sighting { contact, signal: if felt { signal } else { signal.min(NOT_TO_BEGIN) } }
+        };
+        Ok(found.into_iter().map(sighting).collect())
     }
 
     /// Updates the baseline and the noise with a frame.
@@ -268,63 +260,4 @@ impl Reading {
 /// Sets the marked values to zero.
 fn mask(difference: &mut [f64], masked: &[bool]) {
     difference.iter_mut().zip(masked).filter(|(_, masked)| **masked).for_each(|(value, _)| *value = 0.0);
-}
-
-/// Contacts after a correction by the method, each with the signal-to-noise ratio with which it was detected. The method may
-/// have removed some. One that it has added has the ratio of the nearest detected one if it is a part of that. One that was
-/// not detected has the ratio `threshold`; without, it is left out.
-fn with_signals(
-    surface: &Surface,
-    contacts: Vec<Contact>,
-    detected: &[(Contact, Circumstances)],
-    threshold: Option<f64>,
-) -> Vec<(Contact, f64)> {
-    let signal = |contact: &Contact| {
-        let same = detected.iter().find(|(other, _)| other.id == contact.id);
-        let apart_m = |(other, _): &&(Contact, Circumstances)| surface.distance_m(contact.position_m, other.position_m);
-        let nearest = || detected.iter().min_by(|a, b| apart_m(a).total_cmp(&apart_m(b)));
-        let of = same.or_else(|| nearest().filter(|near| apart_m(near) <= PART_OF_CONTACT_M));
-        of.map(|(_, under)| under.signal).or(threshold)
-    };
-    contacts.into_iter().filter_map(|contact| Some((contact, signal(&contact)?))).collect()
-}
-
-/// Contacts with their signal-to-noise ratios as sightings, whose signal is relative to the threshold at their positions.
-/// If the touch detector has not detected a touch in the frame (`felt`), a contact may continue but none can start.
-fn sightings(contacts: Vec<(Contact, f64)>, noise_factor: f64, settings: &Settings, felt: bool) -> Vec<Sighting> {
-    let sighting = |(contact, ratio): (Contact, f64)| {
-        let needed = noise_factor * settings.threshold_at(contact.position_m);
-        let signal = if needed > 0.0 { ratio / needed } else { f64::INFINITY };
-        // In an image without noise the signal-to-noise ratio is not defined.
-        let signal = if signal.is_nan() { settings.lowest_threshold() } else { signal };
-        Sighting { contact, signal: if felt { signal } else { signal.min(NOT_TO_BEGIN) } }
-    };
-    contacts.into_iter().map(sighting).collect()
-}
-
-/// Contacts that the method located itself. It gives no noise level, so only the touch detector decides.
-fn sightings_of(contacts: Vec<Contact>, felt: bool) -> Vec<Sighting> {
-    let signal = if felt { f64::INFINITY } else { NOT_TO_BEGIN };
-    contacts.into_iter().map(|contact| Sighting { contact, signal }).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn contacts_that_the_method_removes_and_adds_keep_the_signals_of_the_others() {
-        let contact = |id: u64, x_m: f64| Contact { id, ..Contact::truth([x_m, 0.0, 0.0], [0.0, 0.0, 1.0], 1.0) };
-        let detected = [(0, 0.0, 9.0), (1, 0.02, 8.0), (2, 0.10, 7.0)].map(|(id, x_m, signal)| {
-            (contact(id, x_m), Circumstances { signal, noise_m: 1e-3, radius_m: 5e-3, next_m: 0.02 })
-        });
-        // The one in the middle is removed, the first one moves past its place, the last one is split, and one is added.
-        let corrected = vec![contact(0, 0.021), contact(2, 0.09), contact(3, 0.115), contact(4, 0.2)];
-        let signals = |threshold: Option<f64>| -> Vec<(u64, f64)> {
-            let signals = with_signals(&Surface::Plane, corrected.clone(), &detected, threshold);
-            signals.iter().map(|(contact, signal)| (contact.id, *signal)).collect()
-        };
-        assert_eq!(signals(Some(4.0)), [(0, 9.0), (2, 7.0), (3, 7.0), (4, 4.0)]);
-        assert_eq!(signals(None), [(0, 9.0), (2, 7.0), (3, 7.0)]);
-    }
 }

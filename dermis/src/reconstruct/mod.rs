@@ -2,6 +2,7 @@
 
 mod alpha;
 mod channels;
+mod contacts;
 mod gauss_newton;
 mod greit;
 mod linearised;
@@ -19,6 +20,7 @@ mod without_channels;
 
 pub use alpha::{Alpha, AlphaRule};
 pub use channels::Difference;
+pub use contacts::{Detection, Search};
 pub use gauss_newton::{GaussNewton, GaussNewtonOptions, Solution, Unknowns};
 pub use greit::{Greit, GreitOptions};
 pub use linearised::Linearised;
@@ -35,7 +37,6 @@ use crate::detect::{DetectOptions, ImageNoise};
 use crate::frame::Frame;
 use crate::image::{Image, PixelSpace};
 use rayon::prelude::*;
-use std::ops::Deref;
 use std::sync::Arc;
 use thiserror::Error;
 
@@ -95,9 +96,9 @@ pub trait Reconstruct: Send + Sync {
     /// # Errors
     /// As [`reconstruct_into`](Self::reconstruct_into).
     fn reconstruct(&self, difference: &Frame) -> Result<Image, ReconstructError> {
-        let mut values = vec![0.0; self.pixels().len()];
-        self.reconstruct_into(difference, &mut values)?;
-        Ok(Image { space: Arc::clone(self.pixels()), values })
+        let mut image = Image::zeros(self.pixels());
+        self.reconstruct_into(difference, &mut image.values)?;
+        Ok(image)
     }
 
     /// The linear map from a difference to the image, pixels x channels, if the method is linear; it gives the
@@ -153,57 +154,6 @@ pub trait Reconstruct: Send + Sync {
     /// Detection options for its images. The default is that of linear images, with their side lobes.
     fn detection(&self) -> DetectOptions {
         DetectOptions::default()
-    }
-}
-
-/// A pointer to a method is a method.
-impl<P: Deref<Target: Reconstruct> + Send + Sync> Reconstruct for P {
-    fn name(&self) -> String {
-        (**self).name()
-    }
-
-    fn pixels(&self) -> &Arc<PixelSpace> {
-        (**self).pixels()
-    }
-
-    fn reconstruct_into(&self, difference: &[f64], values: &mut [f64]) -> Result<(), ReconstructError> {
-        (**self).reconstruct_into(difference, values)
-    }
-
-    fn matrix(&self) -> Option<&crate::forward::Matrix> {
-        (**self).matrix()
-    }
-
-    fn quantity(&self) -> Quantity {
-        (**self).quantity()
-    }
-
-    fn contacts(&self, difference: &[f64]) -> Result<Option<Vec<Contact>>, ReconstructError> {
-        (**self).contacts(difference)
-    }
-
-    fn correct(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
-        (**self).correct(difference, contacts);
-    }
-
-    fn is_adaptable(&self) -> bool {
-        (**self).is_adaptable()
-    }
-
-    fn adapted(&self, rest: &Frame, untouched: &[Frame]) -> Result<Option<Arc<dyn Reconstruct>>, ReconstructError> {
-        (**self).adapted(rest, untouched)
-    }
-
-    fn warning(&self) -> Option<&str> {
-        (**self).warning()
-    }
-
-    fn novelty(&self, difference: &[f64]) -> Option<f64> {
-        (**self).novelty(difference)
-    }
-
-    fn detection(&self) -> DetectOptions {
-        (**self).detection()
     }
 }
 

@@ -6,6 +6,7 @@ use crate::forward::Matrix;
 use crate::frame::Frame;
 use crate::image::PixelSpace;
 use crate::reconstruct::{Linearised, OneStep, OneStepOptions, Prior, Quantity, Reconstruct, ReconstructError};
+use std::ops::Deref;
 use std::sync::Arc;
 
 /// A method for a skin with broken channels that cannot be prepared again without them, such as a network.
@@ -14,21 +15,22 @@ use std::sync::Arc;
 /// broken ones by `J x`, the most likely values under that image's prior. A linear method with the same prior gives the
 /// same image as if it were prepared again.
 #[derive(Debug, Clone)]
-pub struct WithoutChannels<M> {
-    method: M,
+pub struct WithoutChannels<P> {
+    /// A pointer to the method.
+    method: P,
     broken: Vec<usize>,
     /// From a difference to the broken channels, broken x channels; zero in the columns of the broken ones.
     fill: Matrix,
     matrix: Option<Matrix>,
 }
 
-impl<M: Reconstruct> WithoutChannels<M> {
+impl<P: Deref<Target: Reconstruct>> WithoutChannels<P> {
     /// The method without some channels of the skin with the given linear model.
     ///
     /// # Errors
     /// A channel that does not exist, too few channels left, a method of another skin.
-    pub fn new(method: M, model: &Linearised, broken: Vec<usize>) -> Result<Self, ReconstructError> {
-        let fill = fill(&method, model, &broken)?;
+    pub fn new(method: P, model: &Linearised, broken: Vec<usize>) -> Result<Self, ReconstructError> {
+        let fill = fill(method.pixels(), model, &broken)?;
         let mut matrix = method.matrix().cloned();
         if let Some(matrix) = &mut matrix {
             let columns = matrix.columns;
@@ -44,9 +46,9 @@ impl<M: Reconstruct> WithoutChannels<M> {
 }
 
 /// From a difference to the broken channels, by the one-step image of the others.
-fn fill(method: &dyn Reconstruct, model: &Linearised, broken: &[usize]) -> Result<Matrix, ReconstructError> {
+fn fill(pixels: &Arc<PixelSpace>, model: &Linearised, broken: &[usize]) -> Result<Matrix, ReconstructError> {
     let options = OneStepOptions { prior: Prior::Laplace, excluded: broken.to_vec(), ..OneStepOptions::default() };
-    let one_step = OneStep::from_linearised(model, Arc::clone(method.pixels()), &options)?;
+    let one_step = OneStep::from_linearised(model, Arc::clone(pixels), &options)?;
     let image = one_step.matrix().expect("a one-step method is a matrix");
     let mut fill = Matrix::zeros(broken.len(), image.columns);
     for (&channel, row) in broken.iter().zip(fill.values.chunks_exact_mut(image.columns)) {
@@ -57,7 +59,7 @@ fn fill(method: &dyn Reconstruct, model: &Linearised, broken: &[usize]) -> Resul
     Ok(fill)
 }
 
-impl<M> WithoutChannels<M> {
+impl<P> WithoutChannels<P> {
     /// A difference with predicted values of the broken channels, whatever theirs are.
     fn complete(&self, difference: &[f64]) -> Result<Vec<f64>, ReconstructError> {
         let (got, expected) = (difference.len(), self.fill.columns);
@@ -73,7 +75,7 @@ impl<M> WithoutChannels<M> {
     }
 }
 
-impl<M: Reconstruct> Reconstruct for WithoutChannels<M> {
+impl<P: Deref<Target: Reconstruct> + Send + Sync> Reconstruct for WithoutChannels<P> {
     fn name(&self) -> String {
         self.method.name()
     }

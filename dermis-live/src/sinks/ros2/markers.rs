@@ -2,7 +2,7 @@
 
 use crate::LiveFrame;
 use crate::sinks::ros2::{ColorRGBA, Marker, MarkerArray, Point, Pose, Reference, Vector3};
-use dermis::pipeline::TrackedContact;
+use dermis::contact::Contact;
 use std::time::Duration;
 
 const ARROW: i32 = 0;
@@ -28,11 +28,15 @@ pub fn markers(reference: &Reference, live: &LiveFrame) -> MarkerArray {
         return MarkerArray { markers: vec![all] };
     }
     let extent_m = reference.space.extent_m();
-    let strongest = live.result.contacts.iter().map(|contact| contact.strength).fold(f64::MIN_POSITIVE, f64::max);
+    let contacts = live.result.contacts.iter().map(|tracked| &tracked.contact);
+    let strongest = contacts.clone().map(|contact| contact.strength).fold(f64::MIN_POSITIVE, f64::max);
     let mut markers = Vec::with_capacity(2 * live.result.contacts.len());
-    for contact in &live.result.contacts {
-        let guess = || extent_m / 6.0 * (contact.strength / strongest).max(0.0).sqrt();
-        let length_m = contact.force_n.map_or_else(guess, |force_n| ARROW_M_PER_N * force_n.abs());
+    for contact in contacts {
+        let length_m = if contact.force_n.is_finite() {
+            ARROW_M_PER_N * contact.force_n.abs()
+        } else {
+            extent_m / 6.0 * (contact.strength / strongest).max(0.0).sqrt()
+        };
         let length_m = length_m.max(extent_m / 40.0).min(extent_m / 3.0);
         markers.push(arrow(reference, live, contact, length_m));
         markers.push(label(reference, live, contact, length_m));
@@ -40,7 +44,7 @@ pub fn markers(reference: &Reference, live: &LiveFrame) -> MarkerArray {
     MarkerArray { markers }
 }
 
-fn arrow(reference: &Reference, live: &LiveFrame, contact: &TrackedContact, length_m: f64) -> Marker {
+fn arrow(reference: &Reference, live: &LiveFrame, contact: &Contact, length_m: f64) -> Marker {
     let mut arrow = marker(reference, live, "contacts", contact.id as i32, ARROW);
     arrow.points = [above(contact, length_m), contact.position_m].map(|[x, y, z]| Point { x, y, z }).to_vec();
     arrow.scale = Vector3 { x: 0.15 * length_m, y: 0.3 * length_m, z: 0.35 * length_m };
@@ -49,21 +53,21 @@ fn arrow(reference: &Reference, live: &LiveFrame, contact: &TrackedContact, leng
     arrow
 }
 
-fn label(reference: &Reference, live: &LiveFrame, contact: &TrackedContact, length_m: f64) -> Marker {
+fn label(reference: &Reference, live: &LiveFrame, contact: &Contact, length_m: f64) -> Marker {
     let height_m = reference.space.extent_m() / 25.0;
     let mut label = marker(reference, live, "ids", contact.id as i32, TEXT);
     label.pose = Pose::at(above(contact, length_m + height_m));
     label.scale.z = height_m;
     label.color = ColorRGBA { r: 1.0, g: 1.0, b: 1.0, a: 1.0 };
-    label.text = match contact.force_n {
-        Some(force_n) => format!("{}: {force_n:.1} N", contact.id),
-        None => contact.id.to_string(),
-    };
+    label.text = contact.id.to_string();
+    if contact.force_n.is_finite() {
+        label.text += &format!(": {:.1} N", contact.force_n);
+    }
     label
 }
 
 /// The point above a contact, outside the skin.
-fn above(contact: &TrackedContact, height_m: f64) -> [f64; 3] {
+fn above(contact: &Contact, height_m: f64) -> [f64; 3] {
     std::array::from_fn(|axis| contact.position_m[axis] + height_m * contact.normal[axis])
 }
 

@@ -14,8 +14,8 @@ mod topic;
 pub use diagnostics::diagnostics;
 pub use markers::markers;
 pub use message::*;
-pub use schema::{dds_type, definition};
-pub use topic::{CONTACT_FIELDS, Due, Reference, Topic, contacts, frame, image, validity, wrench};
+pub use schema::definition;
+pub use topic::{CONTACT_COLUMNS, ContactColumn, Due, Reference, Topic, contacts, frame, image, validity, wrench};
 
 use byteorder::LittleEndian;
 use serde::{Serialize, de::DeserializeOwned};

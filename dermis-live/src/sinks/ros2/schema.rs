@@ -80,12 +80,6 @@ pub fn definition(type_name: &str) -> String {
     text
 }
 
-/// The DDS name of a type such as `sensor_msgs/msg/Image`: `sensor_msgs::msg::dds_::Image_`.
-pub fn dds_type(type_name: &str) -> String {
-    let (package, name) = type_name.split_once("/msg/").unwrap_or(("", type_name));
-    format!("{package}::msg::dds_::{name}_")
-}
-
 fn fields(name: &str) -> &'static str {
     let found = DEFINITIONS.iter().find(|definition| definition.0 == name);
     found.unwrap_or_else(|| panic!("the definition of `{name}` is not here")).1

@@ -3,12 +3,12 @@
 use crate::LiveFrame;
 use crate::sinks::ros2::{DiagnosticArray, MarkerArray, Text, UInt8MultiArray};
 use crate::sinks::ros2::{Header, Image, Message, PointCloud2, PointField, Time, Vector3, Wrench, WrenchStamped};
-use dermis::contact::ConductanceChange;
+use dermis::contact::{Contact, Field, FieldKind};
 use dermis::image::PixelSpace;
 use dermis::pipeline::{Timestamp, TrackedContact};
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
-/// A topic; its value is its index in [`Topic::ALL`].
+/// A topic; its value is its index in [`Topic::all`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Topic {
     /// The values of a frame, ohm.
@@ -31,33 +31,31 @@ pub enum Topic {
     Events,
 }
 
+/// Each topic with its name within a namespace and the type of its messages.
+const TOPICS: [(Topic, &str, &str); 9] = [
+    (Topic::Frame, "dermis/frame", Image::TYPE),
+    (Topic::Image, "dermis/image", Image::TYPE),
+    (Topic::Contacts, "dermis/contacts", PointCloud2::TYPE),
+    (Topic::Wrench, "dermis/wrench", WrenchStamped::TYPE),
+    (Topic::Markers, "dermis/markers", MarkerArray::TYPE),
+    (Topic::Diagnostics, "diagnostics", DiagnosticArray::TYPE),
+    (Topic::Validity, "dermis/validity", Text::TYPE),
+    (Topic::Wire, "dermis/wire", UInt8MultiArray::TYPE),
+    (Topic::Events, "dermis/events", Text::TYPE),
+];
+
 impl Topic {
+    /// The number of topics.
+    pub const COUNT: usize = TOPICS.len();
+
     /// All topics.
-    pub const ALL: [Topic; 9] = [
-        Topic::Frame,
-        Topic::Image,
-        Topic::Contacts,
-        Topic::Wrench,
-        Topic::Markers,
-        Topic::Diagnostics,
-        Topic::Validity,
-        Topic::Wire,
-        Topic::Events,
-    ];
+    pub fn all() -> impl Iterator<Item = Topic> {
+        TOPICS.iter().map(|(topic, ..)| *topic)
+    }
 
     /// Its name within a namespace.
     pub fn name(self) -> &'static str {
-        match self {
-            Topic::Frame => "dermis/frame",
-            Topic::Image => "dermis/image",
-            Topic::Contacts => "dermis/contacts",
-            Topic::Wrench => "dermis/wrench",
-            Topic::Markers => "dermis/markers",
-            Topic::Diagnostics => "diagnostics",
-            Topic::Validity => "dermis/validity",
-            Topic::Wire => "dermis/wire",
-            Topic::Events => "dermis/events",
-        }
+        TOPICS[self as usize].1
     }
 
     /// Its absolute name; diagnostics are one topic for a whole robot, whatever the namespace (`""` or `/left_arm`).
@@ -68,15 +66,7 @@ impl Topic {
 
     /// The type of its messages.
     pub fn type_name(self) -> &'static str {
-        match self {
-            Topic::Frame | Topic::Image => Image::TYPE,
-            Topic::Contacts => PointCloud2::TYPE,
-            Topic::Wrench => WrenchStamped::TYPE,
-            Topic::Markers => MarkerArray::TYPE,
-            Topic::Diagnostics => DiagnosticArray::TYPE,
-            Topic::Wire => UInt8MultiArray::TYPE,
-            Topic::Validity | Topic::Events => Text::TYPE,
-        }
+        TOPICS[self as usize].2
     }
 }
 
@@ -178,28 +168,43 @@ fn picture(header: Header, [rows, columns]: [usize; 2], values: impl Iterator<It
     }
 }
 
-/// The fields of a contact in a point cloud, four bytes each, all but `id` float32: name in the message, column in
-/// tables as in [`Contact::COLUMNS`](dermis::contact::Contact::COLUMNS), and unit.
-pub const CONTACT_FIELDS: [(&str, &str, &str); 18] = [
-    ("x", "x_m", "m"),
-    ("y", "y_m", "m"),
-    ("z", "z_m", "m"),
-    ("nx", "normal_x", "outward unit normal"),
-    ("ny", "normal_y", "outward unit normal"),
-    ("nz", "normal_z", "outward unit normal"),
-    ("strength", "strength", "of the image, times m2"),
-    ("area", "area_m2", "m2"),
-    ("id", "id", "uint32: the lowest 32 bits of the contact's number"),
-    ("confidence", "confidence", "0 to 1"),
-    ("force", "force_n", "N, NaN where unknown"),
-    ("force_sd", "force_sd_n", "N, NaN where unknown"),
-    ("sd", "sd_m", "m, of the position, per axis"),
-    ("vx", "velocity_x_m_s", "m/s"),
-    ("vy", "velocity_y_m_s", "m/s"),
-    ("vz", "velocity_z_m_s", "m/s"),
-    ("age", "age_s", "s"),
-    ("sign", "sign", "1 if the conductance rises, -1 if it falls, NaN if one sign is looked for"),
-];
+/// A number of a contact in point clouds and in the tables of recordings.
+#[derive(Debug, Clone, Copy)]
+pub struct ContactColumn {
+    /// Its field in a point cloud.
+    pub ros: &'static str,
+    /// Its column in tables.
+    pub column: &'static str,
+    /// Whether it is an unsigned integer of 32 bits: the lowest ones of the contact's; else it is a float32.
+    pub is_count: bool,
+    /// Its index in [`numbers`].
+    index: usize,
+}
+
+/// The numbers of a contact in point clouds: the coordinates first, where programs expect them, and counts last.
+pub static CONTACT_COLUMNS: LazyLock<Vec<ContactColumn>> = LazyLock::new(|| {
+    let numbers = columns(&Contact::FIELDS).chain(columns(&TrackedContact::FIELDS)).enumerate();
+    let column = |(index, (ros, column, is_count))| ContactColumn { ros, column, is_count, index };
+    let mut columns: Vec<ContactColumn> = numbers.map(column).collect();
+    columns.sort_by_key(|column| column.is_count);
+    columns
+});
+
+fn columns<T>(fields: &[Field<T>]) -> impl Iterator<Item = (&'static str, &'static str, bool)> {
+    let of_field = |field: &Field<T>| {
+        let is_count = field.kind == FieldKind::Count;
+        field.ros.iter().zip(field.columns).map(move |(ros, column)| (*ros, *column, is_count))
+    };
+    fields.iter().flat_map(of_field)
+}
+
+/// The numbers of a contact, in the order of its fields.
+fn numbers(tracked: &TrackedContact) -> Vec<f64> {
+    fn of<T>(fields: &[Field<T>], of: &T) -> impl Iterator<Item = f64> {
+        fields.iter().filter(|field| !field.ros.is_empty()).flat_map(|field| field.numbers(of))
+    }
+    of(&Contact::FIELDS, &tracked.contact).chain(of(&TrackedContact::FIELDS, tracked)).collect()
+}
 
 /// The validity of a frame as JSON, as in lines of JSON: `{"state": "ok"}`.
 pub fn validity(live: &LiveFrame) -> Text {
@@ -211,70 +216,45 @@ pub fn contacts(reference: &Reference, live: &LiveFrame) -> PointCloud2 {
     const FIELD_BYTES: usize = 4;
     const FLOAT32: u8 = 7;
     const UINT32: u8 = 6;
-    let field = |(index, (name, ..)): (usize, (&str, &str, &str))| PointField {
-        name: name.into(),
+    let field = |(index, column): (usize, &ContactColumn)| PointField {
+        name: column.ros.into(),
         offset: (index * FIELD_BYTES) as u32,
-        datatype: if name == "id" { UINT32 } else { FLOAT32 },
+        datatype: if column.is_count { UINT32 } else { FLOAT32 },
         count: 1,
     };
-    let point_step = CONTACT_FIELDS.len() * FIELD_BYTES;
-    let mut data = Vec::with_capacity(live.result.contacts.len() * point_step);
-    for contact in &live.result.contacts {
-        data.extend(point(contact, live.result.measured_at).into_iter().flatten());
+    let mut data = Vec::new();
+    for tracked in &live.result.contacts {
+        let numbers = numbers(tracked);
+        data.extend(CONTACT_COLUMNS.iter().flat_map(|column| match numbers[column.index] {
+            count if column.is_count => (count as u64 as u32).to_le_bytes(),
+            number => (number as f32).to_le_bytes(),
+        }));
     }
     PointCloud2 {
         header: reference.header(live.result.measured_at),
         height: 1,
         width: live.result.contacts.len() as u32,
-        fields: CONTACT_FIELDS.into_iter().enumerate().map(field).collect(),
+        fields: CONTACT_COLUMNS.iter().enumerate().map(field).collect(),
         is_bigendian: false,
-        point_step: point_step as u32,
+        point_step: (CONTACT_COLUMNS.len() * FIELD_BYTES) as u32,
         row_step: data.len() as u32,
         data,
         is_dense: true,
     }
 }
 
-/// The bytes of a contact, in the order of [`CONTACT_FIELDS`].
-fn point(contact: &TrackedContact, now: Timestamp) -> [[u8; 4]; CONTACT_FIELDS.len()] {
-    let float = |value: f64| (value as f32).to_le_bytes();
-    let known = |value: Option<f64>| float(value.unwrap_or(f64::NAN));
-    let [x, y, z] = contact.position_m.map(float);
-    let [nx, ny, nz] = contact.normal.map(float);
-    let [vx, vy, vz] = contact.velocity_m_s.map(float);
-    [
-        x,
-        y,
-        z,
-        nx,
-        ny,
-        nz,
-        float(contact.strength),
-        float(contact.area_m2),
-        (contact.id as u32).to_le_bytes(),
-        float(contact.confidence),
-        known(contact.force_n),
-        known(contact.force_sd_n),
-        float(contact.sd_m),
-        vx,
-        vy,
-        vz,
-        float(now.seconds_since(contact.since)),
-        known(contact.conductance.map(ConductanceChange::sign)),
-    ]
-}
-
 /// The force on the skin and its torque about the frame's origin: F = sum of -n f, M = sum of r x (-n f) over the
 /// contacts whose force f is known. All zero without a contact; all `NaN` where there are contacts and no force is
 /// known, and where the frame is invalid or stale.
 pub fn wrench(reference: &Reference, live: &LiveFrame) -> WrenchStamped {
-    let known = live.result.contacts.iter().filter_map(|contact| Some((contact, contact.force_n?)));
+    let known =
+        live.result.contacts.iter().map(|tracked| &tracked.contact).filter(|contact| contact.force_n.is_finite());
     let without_forces = !live.result.contacts.is_empty() && known.clone().next().is_none();
     let unknown = without_forces || !live.result.validity.is_usable();
     let (mut force_n, mut torque_nm) =
         ([if unknown { f64::NAN } else { 0.0 }; 3], [if unknown { f64::NAN } else { 0.0 }; 3]);
-    for (contact, pressing_n) in known {
-        let push = contact.normal.map(|part| -part * pressing_n);
+    for contact in known {
+        let push = contact.normal.map(|part| -part * contact.force_n);
         let turn = cross(contact.position_m, push);
         for axis in 0..3 {
             force_n[axis] += push[axis];

@@ -73,19 +73,12 @@ impl ShownValidity {
     }
 }
 
+/// A contact, and its place on the unrolled surface.
 #[derive(Serialize)]
 struct Shown<'a> {
-    id: u64,
-    position_m: &'a [f64; 3],
-    normal: &'a [f64; 3],
+    #[serde(flatten)]
+    contact: &'a TrackedContact,
     flat_m: Option<[f64; 2]>,
-    strength: f64,
-    area_m2: f64,
-    force_n: Option<f64>,
-    force_sd_n: Option<f64>,
-    sd_m: f64,
-    confidence: f64,
-    since_s: f64,
 }
 
 impl Board {
@@ -160,18 +153,15 @@ impl Hub {
     /// The binary message of a frame.
     fn message(&self, frame: &LiveFrame) -> Bytes {
         let surface = &self.control.shared().skin().pixels().surface;
+        let flat_m = |contact: &TrackedContact| flat_m(surface, contact.contact.position_m);
+        let contacts = frame.result.contacts.iter().map(|contact| Shown { contact, flat_m: flat_m(contact) });
         let header = Header {
             sequence: frame.result.sequence,
             measured_at_s: frame.result.measured_at.seconds(),
             output_at_s: frame.output_at.seconds(),
             validity: ShownValidity::of(&frame.result.validity),
             touched: frame.result.touched,
-            contacts: frame
-                .result
-                .contacts
-                .iter()
-                .map(|contact| shown(contact, flat_m(surface, contact.position_m)))
-                .collect(),
+            contacts: contacts.collect(),
         };
         let mut bytes = vec![0; 4];
         serde_json::to_writer(&mut bytes, &header).expect("a header is JSON");
@@ -239,22 +229,6 @@ impl Hub {
             "messages": messages.collect::<Vec<_>>(),
         });
         self.board.status.send_replace(Arc::new(status));
-    }
-}
-
-fn shown(contact: &TrackedContact, flat_m: Option<[f64; 2]>) -> Shown<'_> {
-    Shown {
-        id: contact.id,
-        position_m: &contact.position_m,
-        normal: &contact.normal,
-        flat_m,
-        strength: contact.strength,
-        area_m2: contact.area_m2,
-        force_n: contact.force_n,
-        force_sd_n: contact.force_sd_n,
-        sd_m: contact.sd_m,
-        confidence: contact.confidence,
-        since_s: contact.since.seconds(),
     }
 }
 

@@ -229,14 +229,8 @@ impl Benchmark<'_> {
             Differences::new(recording.frames.clone(), recording.untouched.clone());
         let adapted = baseline.map(|baseline| self.method.adapted(&baseline, &untouched)).transpose()?.flatten();
         let method = adapted.as_deref().unwrap_or(self.method);
-        let seen = |difference: &Frame| -> crate::Result<(Image, Vec<Contact>)> {
-            let image = method.reconstruct(difference)?;
-            let mut contacts = detector.detect(&image);
-            method.correct(difference, &mut contacts);
-            Ok((image, contacts))
-        };
-        let seen = frames.par_iter().map(seen).collect::<crate::Result<Vec<(Image, Vec<Contact>)>>>()?;
-        let (images, contacts) = seen.into_iter().unzip();
+        let seen = frames.par_iter().map(|difference| method.image_and_contacts(difference, detector));
+        let (images, contacts) = seen.collect::<Result<Vec<_>, _>>()?.into_iter().unzip();
         Ok(Seen { images, contacts })
     }
 
