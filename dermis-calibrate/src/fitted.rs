@@ -107,6 +107,6 @@ fn correct(
     name: &str,
 ) -> Result<Correction, CalibrateError> {
     let method = methods.method(skin, name, &MethodOptions::default())?;
-    let detector = method.detector(&[]).map_err(dermis::Error::from)?;
+    let detector = method.detector(&[], &skin.design().protocol).map_err(dermis::Error::from)?;
     Correction::fit(skin.pixels(), &method, &detector, frames, labels)
 }

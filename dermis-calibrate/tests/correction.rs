@@ -49,7 +49,7 @@ struct Case {
 fn case() -> Case {
     let skin = Skin::load("tank16").unwrap();
     let method = Methods::linear().method(&skin, "noser", &MethodOptions::default()).unwrap();
-    let detector = method.detector(&[]).unwrap();
+    let detector = method.detector(&[], &skin.design().protocol).unwrap();
     let frames = frames(&skin, &touches(&skin));
     let label = |(row, frame): (usize, &Frame)| {
         let contacts = method.contacts(frame, &detector).unwrap();

@@ -34,7 +34,7 @@ fn recording(name: &str) -> Option<Recording> {
         return None;
     }
     let skin = Skin::load("skin16").unwrap();
-    let frames = read_frames(&folder.join(format!("inp_{name}.csv")), &skin.design().protocol).unwrap();
+    let frames = read_frames(&folder.join(format!("inp_{name}.csv")), &self.skin.design().protocol).unwrap();
     let limits = PlaceLimits::of_box(Surface::Plane, [[0.0; 3]], 0.04);
     let truth = read_truth(&folder.join(format!("out_{name}.csv")), &limits, frames.len()).unwrap();
     let Truth::Elsewhere { positions_m: presses, .. } = truth else { panic!("presses in a robot's frame") };
@@ -116,7 +116,7 @@ impl Modelled {
 
     /// Mean error of the strongest contacts of the scored presses that have one, and the number of those without.
     fn score(&self, method: &Method) -> String {
-        let detector = method.detector(&[]).unwrap();
+        let detector = method.detector(&[], &self.skin.design().protocol).unwrap();
         let off_m: Vec<f64> = SCORED
             .filter_map(|row| {
                 let contacts = method.contacts(&self.frames[row], &detector).unwrap();
@@ -131,7 +131,7 @@ impl Modelled {
     fn corrected(&self, labels: usize) -> Result<Method, String> {
         let label = |row: usize| Label { row, position_m: self.positions_m[row], force_n: f64::NAN };
         let labels: Vec<Label> = (SCORED.start - labels..SCORED.start).map(label).collect();
-        let detector = self.method.detector(&[]).unwrap();
+        let detector = self.method.detector(&[], &self.skin.design().protocol).unwrap();
         let fitted = Correction::fit(self.skin.pixels(), &self.method, &detector, &self.frames, &labels);
         let folder = tempfile::tempdir().unwrap();
         fitted.map_err(|error| error.to_string())?.save(folder.path(), self.skin.design()).unwrap();

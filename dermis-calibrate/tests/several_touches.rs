@@ -134,7 +134,7 @@ fn pairs_are_told_from_single_presses() {
     let skin = Skin::load("skin16").unwrap();
     let experiment = experiment(&skin, "lab", 4101, 350);
     let method = calibrated(&skin, &experiment.single, 250, true);
-    let detector = method.detector(&experiment.untouched).unwrap();
+    let detector = method.detector(&experiment.untouched, &skin.design().protocol).unwrap();
     let single = scored(&method, &detector, &experiment.single, 250);
     let two = scored(&method, &detector, &experiment.two, 0);
     let share = resolved(&skin, &two.found, &experiment.two.truth);
@@ -161,12 +161,12 @@ fn several_touches_by_the_number_of_presses() {
         let methods = Methods::linear();
         for name in ["noser", "laplace"] {
             let method = methods.method(&skin, name, &MethodOptions::default()).unwrap();
-            let detector = method.detector(&experiment.untouched).unwrap();
+            let detector = method.detector(&experiment.untouched, &skin.design().protocol).unwrap();
             println!("| `{twin}`, {seed} | {name} | {} |", row(&skin, &experiment, &method, &detector, 500));
         }
         for (labels, forces) in [(100, false), (100, true), (500, false), (500, true)] {
             let method = calibrated(&skin, &experiment.single, labels, forces);
-            let detector = method.detector(&experiment.untouched).unwrap();
+            let detector = method.detector(&experiment.untouched, &skin.design().protocol).unwrap();
             let with = if forces { "with forces" } else { "without forces" };
             println!(
                 "| `{twin}`, {seed} | {labels} presses, {with} | {} |",

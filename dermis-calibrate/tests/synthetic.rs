@@ -66,7 +66,7 @@ fn positions_are_found_and_survive_the_folder() {
         .with(Calibrations::of(Methods::linear()))
         .method(&skin, &name, &MethodOptions::default())
         .unwrap();
-    let detector = method.detector(&[]).unwrap();
+    let detector = method.detector(&[], &skin.design().protocol).unwrap();
     let contacts = method.contacts(&frames[120], &detector).unwrap();
     assert!(contacts.len() == 1 && distance(contacts[0].position_m, labels[120].position_m) < 0.005, "{contacts:?}");
     assert_eq!(located[120].covariance_m2[2][2], 0.0, "positions lie on the skin");

@@ -68,7 +68,7 @@ pub struct DetectArguments {
 impl DetectArguments {
     /// The detector for a method's images, with the noise measured in untouched frames.
     pub fn detector(&self, skin: &Skin, method: &Method, untouched: &[Frame]) -> Outcome<Detector> {
-        let detector = method.detector(untouched)?;
+        let detector = method.detector(untouched, &skin.design().protocol)?;
         if !self.both_signs {
             return Ok(detector);
         }

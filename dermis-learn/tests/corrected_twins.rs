@@ -128,7 +128,7 @@ fn two_hundred_presses_correct_the_forces() {
     let skin = Skin::load("cylinder30").unwrap();
     let experiment = experiment(&skin, "lab", 3003, 200);
     let best = dermis_learn::methods().method(&skin, "best", &MethodOptions::default()).unwrap();
-    let detector = best.detector(&experiment.untouched).unwrap();
+    let detector = best.detector(&experiment.untouched, &skin.design().protocol).unwrap();
     let score =
         |labels| scored(&method(&skin, &detector, &experiment.random, labels), &detector, &experiment.random, 200).0;
     let (before, after) = (score(0), score(200));
@@ -150,7 +150,7 @@ fn the_error_by_the_number_of_presses_that_correct_the_network() {
     for (twin, seed) in [("lab", 3001), ("lab", 3002), ("harsh", 3001), ("harsh", 3002)] {
         let experiment = experiment(&skin, twin, seed, 900);
         let best = dermis_learn::methods().method(&skin, "best", &MethodOptions::default()).unwrap();
-        let detector = best.detector(&experiment.untouched).unwrap();
+        let detector = best.detector(&experiment.untouched, &skin.design().protocol).unwrap();
         for labels in [0, 50, 200, 900] {
             println!("| `{twin}`, {seed} | {labels} | {} |", row(&skin, &experiment, &detector, labels));
         }

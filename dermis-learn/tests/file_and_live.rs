@@ -55,7 +55,7 @@ fn from_file(skin: &Skin, name: &str, frames: &[(Frame, usize)]) -> Vec<Vec<Cont
     let baseline = mean(&untouched).unwrap();
     let differences: Vec<Frame> = untouched.iter().map(|frame| frame - &baseline).collect();
     let method = dermis_learn::methods().method(skin, name, &MethodOptions::default()).unwrap();
-    let detector = method.detector(&differences).unwrap();
+    let detector = method.detector(&differences, &skin.design().protocol).unwrap();
     frames.iter().map(|(frame, _)| method.contacts(&(frame - &baseline), &detector).unwrap()).collect()
 }
 

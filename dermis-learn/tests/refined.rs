@@ -90,7 +90,7 @@ fn the_time_of_a_refinement() {
         let start = Instant::now();
         let adapted = method.adapted(&differences).unwrap();
         let prepared_s = start.elapsed().as_secs_f64();
-        let detector = adapted.detector(&differences.untouched).unwrap();
+        let detector = adapted.detector(&differences.untouched, &skin.design().protocol).unwrap();
         let image = adapted.image(&differences.frames[0]).unwrap();
         let found = detector.detect(&image);
         assert_eq!(found.len(), count);

@@ -7,6 +7,7 @@ use crate::method::{DetectArguments, MethodArguments};
 use crate::skin;
 use clap::{Args, ValueEnum};
 use dermis::contact::{ConductanceChange, Contact, Field, FieldKind};
+use dermis::estimate::noise::ChannelNoise;
 use dermis::frame::write_whole;
 use dermis::geom::Surface;
 use dermis::method::Method;
@@ -62,7 +63,8 @@ impl Arguments {
         let differences = self.frames.read(&skin, self.method.left_out())?;
         let method = self.method.prepare(&skin, &differences)?;
         let pose = self.pose(&skin, &method)?;
-        let detector = self.detect.detector(&skin, &method, &differences.untouched)?;
+        let rest = differences.rest();
+        let detector = self.detect.detector(&skin, &method, &rest)?;
         let mut contacts = of_each(&differences.frames, |difference| method.contacts(difference, &detector))?;
         if let Some(pose) = pose {
             contacts.iter_mut().flatten().for_each(|contact| to_robot(contact, &pose));
@@ -74,7 +76,9 @@ impl Arguments {
         })?;
         let count: usize = contacts.iter().map(Vec::len).sum();
         let (contacts, frames) = (counted(count, "contact"), counted(contacts.len(), "frame"));
-        print(&format!("{}: {contacts} in {frames} ({})\n", self.output.display(), method.description()))
+        let noise =
+            ChannelNoise::of(&rest, &skin.design().protocol).map(|noise| format!("; {noise}")).unwrap_or_default();
+        print(&format!("{}: {contacts} in {frames} ({}{noise})\n", self.output.display(), method.description()))
     }
 
     /// The pose of the skin where contacts are wanted in the robot's frame; `None` for the skin's own.

@@ -106,7 +106,7 @@ impl Arguments {
     fn on_skin(&self, skin: &Skin, differences: Differences, truth: Vec<Vec<Contact>>) -> Outcome {
         self.warn_of_frames_after(&truth);
         let method = self.method.prepare(skin, &differences)?;
-        let detector = self.detect.detector(skin, &method, &differences.untouched)?;
+        let detector = self.detect.detector(skin, &method, &differences.rest())?;
         let (rows, frames, truth) = self.chosen(differences.frames, truth)?;
         let found = of_each(&frames, |difference| method.reconstruct().image_and_contacts(difference, &detector))?;
         let (images, contacts): (Vec<_>, Vec<_>) = found.into_iter().unzip();

@@ -182,7 +182,7 @@ impl Arguments {
         let differences = frames.read(&skin, self.method.left_out())?;
         let method = self.method.prepare(&skin, &differences)?;
         let how = method.description();
-        let detector = method.detector(&differences.untouched)?;
+        let detector = method.detector(&differences.rest(), &design.protocol)?;
         let found =
             of_each(&differences.frames, |difference| method.reconstruct().image_and_contacts(difference, &detector))?;
         let (images, contacts) = found.into_iter().unzip();

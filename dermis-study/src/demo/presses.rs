@@ -79,7 +79,7 @@ impl Demo {
 
         let (mut shown, mut of_four) = (Vec::new(), Vec::new());
         for method in comparison::shipped(&skin)? {
-            let detector = method.method.detector(&untouched)?;
+            let detector = method.method.detector(&untouched, &skin.design().protocol)?;
             shown.push(Shown::of(&method, &recording, &truth, &detector, progress)?);
             of_four.push(Shown::of(&method, &four, std::slice::from_ref(&four_truth), &detector, progress)?);
         }

@@ -154,7 +154,7 @@ fn press_and_summarize(
         let pressed = bench.press(seed, &presses, scale.untouched(), &*task)?;
         saturated_readings += pressed.saturated_readings;
         for (number, method) in methods.iter().enumerate() {
-            let detector = method.method.detector(&pressed.untouched)?;
+            let detector = method.method.detector(&pressed.untouched, &bench.skin.design().protocol)?;
             let shown = Shown::of(method, &pressed.recording, &pressed.truth, &detector, bench.progress)?;
             false_positives[number] += shown.score.false_positives;
             scored[number].extend(score_presses(&surface, cut_rad, &pressed.truth, &shown));

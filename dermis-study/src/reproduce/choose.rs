@@ -62,7 +62,7 @@ fn try_all(bench: &Bench<'_>, which: usize, pressed: &[Pressed]) -> Result<Vec<T
         let alpha = 10f64.powf(0.25 * f64::from(quarter));
         let method = Named::linear(which, &bench.skin, Alpha::Given(alpha))?;
         let cost = |one: &Pressed| {
-            let detector = method.method.detector(&one.untouched)?;
+            let detector = method.method.detector(&one.untouched, &bench.skin.design().protocol)?;
             Ok(cost_m(&Shown::of(&method, &one.recording, &one.truth, &detector, bench.progress)?.score))
         };
         let costs: Vec<f64> = pressed.iter().map(cost).collect::<Result<_>>()?;

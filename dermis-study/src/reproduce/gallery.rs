@@ -66,8 +66,10 @@ impl Gallery {
                 Some((four, pressed.truth.pop().expect(last)))
             }
         };
-        let detectors =
-            methods.iter().map(|method| Ok(method.method.detector(&pressed.untouched)?)).collect::<Result<Vec<_>>>()?;
+        let detectors = methods
+            .iter()
+            .map(|method| Ok(method.method.detector(&pressed.untouched, &bench.skin.design().protocol)?))
+            .collect::<Result<Vec<_>>>()?;
         let both = || methods.iter().zip(&detectors);
         let shown = both()
             .map(|(method, detector)| Shown::of(method, &pressed.recording, &pressed.truth, detector, bench.progress));

@@ -104,6 +104,12 @@ impl ChannelNoise {
         self.sd_ohm.iter().map(|sd| sd / (self.frames as f64).sqrt()).collect()
     }
 
+    /// The same of the difference of one more frame from that mean; 0 for a channel with a value that is not finite.
+    pub fn sd_of_difference_ohm(&self) -> Vec<f64> {
+        let factor = (1.0 + 1.0 / self.frames as f64).sqrt();
+        self.sd_ohm.iter().map(|sd| if sd.is_finite() { factor * sd } else { 0.0 }).collect()
+    }
+
     /// Root mean square of the deviations of the channels that read no voltage at a driven electrode, and of those that do,
     /// ohm; `NaN` without such a channel.
     pub fn by_group_ohm(&self) -> [f64; 2] {

@@ -20,9 +20,10 @@ pub use options::MethodOptions;
 pub use set::MethodSet;
 
 use crate::contact::Contact;
-use crate::detect::{Detector, ImageNoise};
+use crate::detect::Detector;
 use crate::frame::{Differences, Frame};
 use crate::image::Image;
+use crate::protocol::Protocol;
 use crate::reconstruct::{
     AlphaRule, OneStep, OneStepOptions, Reconstruct, ReconstructError, Refined, WithoutChannels, image_noise,
 };
@@ -213,21 +214,13 @@ impl Method {
         Ok(adapted.map_or_else(|| self.clone(), |reconstruct| Method { reconstruct, ..self.clone() }))
     }
 
-    /// The noise of its images, from differences of untouched frames and their mean; see [`image_noise`].
+    /// The detector for its images, with their [noise](image_noise) in untouched frames, if there are any.
     ///
     /// # Errors
     /// A reconstruction that fails on a frame.
-    pub fn noise(&self, untouched: &[Frame]) -> Result<Option<ImageNoise>, ReconstructError> {
-        image_noise(self.reconstruct.as_ref(), untouched)
-    }
-
-    /// The detector for its images, with the noise measured in untouched frames.
-    ///
-    /// # Errors
-    /// As [`noise`](Self::noise).
-    pub fn detector(&self, untouched: &[Frame]) -> Result<Detector, ReconstructError> {
+    pub fn detector(&self, untouched: &[Frame], protocol: &Protocol) -> Result<Detector, ReconstructError> {
         let detector = Detector::new(self.reconstruct.detection());
-        Ok(match self.noise(untouched)? {
+        Ok(match image_noise(self.reconstruct.as_ref(), untouched, protocol)? {
             Some(noise) => detector.with_noise(noise),
             None => detector,
         })

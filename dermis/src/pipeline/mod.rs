@@ -320,7 +320,9 @@ impl Pipeline {
 
     /// Measures the noise of the method's images, from the frames of the tare.
     fn measure_noise(&mut self) -> Result<(), PipelineError> {
-        self.noise = rebuild::noise_without(&self.method, self.state.phase.untouched(), &self.state.method_masked)?;
+        let (untouched, masked) = (self.state.phase.untouched(), &self.state.method_masked);
+        let protocol = &self.methods.skin().design().protocol;
+        self.noise = rebuild::noise_without(&self.method, untouched, masked, protocol)?;
         self.prepare_detector();
         Ok(())
     }

@@ -5,6 +5,8 @@ use crate::frame::{Differences, Frame};
 use crate::method::{Method, MethodSet};
 use crate::pipeline::degradation::Cost;
 use crate::pipeline::error::PipelineError;
+use crate::protocol::Protocol;
+use crate::reconstruct::image_noise;
 use std::sync::Arc;
 
 /// A job that prepares a method without some channels, adapted to the untouched skin. It may run on any thread.
@@ -42,7 +44,7 @@ impl RebuildJob {
             let baseline = Some(Frame(rest_ohm.clone()));
             method = method.adapted(&Differences { frames: Vec::new(), untouched, baseline })?;
         }
-        let noise = noise_without(&method, &untouched, &masked)?;
+        let noise = noise_without(&method, &untouched, &masked, &methods.skin().design().protocol)?;
         let is_known = !masked.is_empty() && !noise_ohm.is_empty();
         let cost = is_known.then(|| Cost::of(methods.skin(), &noise_ohm, &masked)).transpose()?;
         Ok(RebuiltMethod { method, masked, rest_ohm, noise, cost })
@@ -54,6 +56,7 @@ pub(super) fn noise_without(
     method: &Method,
     untouched: &[Vec<f64>],
     masked: &[usize],
+    protocol: &Protocol,
 ) -> Result<Option<ImageNoise>, PipelineError> {
     let without_masked = |frame: &Vec<f64>| {
         let mut frame = frame.clone();
@@ -61,5 +64,5 @@ pub(super) fn noise_without(
         Frame(frame)
     };
     let untouched: Vec<Frame> = untouched.iter().map(without_masked).collect();
-    Ok(method.noise(&untouched)?)
+    Ok(image_noise(method.reconstruct().as_ref(), &untouched, protocol)?)
 }

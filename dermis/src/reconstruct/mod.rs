@@ -34,8 +34,10 @@ pub use without_channels::WithoutChannels;
 
 use crate::contact::Contact;
 use crate::detect::{DetectOptions, ImageNoise};
-use crate::frame::Frame;
+use crate::estimate::noise::ChannelNoise;
+use crate::frame::{Frame, mean};
 use crate::image::{Image, PixelSpace};
+use crate::protocol::Protocol;
 use rayon::prelude::*;
 use std::sync::Arc;
 use thiserror::Error;
@@ -168,29 +170,49 @@ pub enum Quantity {
     Density,
 }
 
-/// Minimum number of untouched frames for measuring the noise of images: the relative standard error of the standard
-/// deviation is then a quarter (1 / sqrt(2 n)).
+/// Minimum number of untouched frames for measuring the noise of images by themselves: the relative standard error of the
+/// standard deviation is then a quarter (1 / sqrt(2 n)).
 pub const FEWEST_UNTOUCHED_FRAMES: usize = 8;
 
-/// The noise of a method's images, from differences of untouched frames and their mean, ohm: by the method's matrix
-/// from the root mean square of each channel, or else from the images of those frames. `None` with fewer than
-/// [`FEWEST_UNTOUCHED_FRAMES`].
+/// Frames that are drawn where the untouched ones are fewer.
+const DRAWN_FRAMES: u64 = 32;
+
+/// The noise of a method's images of differences from the mean of untouched frames, from these or their differences from one
+/// frame, ohm: by the method's matrix from the [noise of the channels](ChannelNoise); without a matrix from the images of
+/// those frames, or with fewer than [`FEWEST_UNTOUCHED_FRAMES`] of frames drawn with that noise. `None` without a frame.
 ///
 /// Every command and the live pipeline measure the noise by this rule.
 ///
 /// # Errors
 /// A method that fails on a frame.
-pub fn image_noise(method: &dyn Reconstruct, untouched: &[Frame]) -> Result<Option<ImageNoise>, ReconstructError> {
-    if untouched.len() < FEWEST_UNTOUCHED_FRAMES {
-        return Ok(None);
+pub fn image_noise(
+    method: &dyn Reconstruct,
+    untouched: &[Frame],
+    protocol: &Protocol,
+) -> Result<Option<ImageNoise>, ReconstructError> {
+    let (Some(noise), Some(rest)) = (ChannelNoise::of(untouched, protocol), mean(untouched)) else { return Ok(None) };
+    let sd_ohm = noise.sd_of_difference_ohm();
+    if let Some(matrix) = method.matrix() {
+        return Ok(Some(ImageNoise::from_matrix(matrix, &sd_ohm)));
     }
-    let Some(matrix) = method.matrix() else {
-        let images = untouched.par_iter().map(|frame| method.reconstruct(frame)).collect::<Result<Vec<_>, _>>()?;
-        return Ok(ImageNoise::from_untouched(&images));
+    let frames: Vec<Frame> = match untouched.len() < FEWEST_UNTOUCHED_FRAMES {
+        true => (0..DRAWN_FRAMES).map(|frame| drawn(&sd_ohm, frame)).collect(),
+        false => untouched.iter().map(|frame| frame - &rest).collect(),
     };
-    let square = |channel: usize| untouched.iter().map(|frame| frame[channel] * frame[channel]).sum::<f64>();
-    let sd = |channel: usize| (square(channel) / untouched.len() as f64).sqrt();
-    Ok(Some(ImageNoise::from_matrix(matrix, &(0..matrix.columns).map(sd).collect::<Vec<f64>>())))
+    let images = frames.par_iter().map(|frame| method.reconstruct(frame)).collect::<Result<Vec<_>, _>>()?;
+    Ok(ImageNoise::from_untouched(&images))
+}
+
+/// A frame of values as large as their deviations, with random signs (the mixing function of SplitMix64; Steele, Lea and
+/// Flood, 2014, DOI 10.1145/2660193.2660195).
+fn drawn(sd_ohm: &[f64], frame: u64) -> Frame {
+    let sign = |channel: usize| {
+        let mut bits = (frame << 32 | channel as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        bits = (bits ^ bits >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        bits = (bits ^ bits >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        if (bits ^ bits >> 31) & 1 == 0 { 1.0 } else { -1.0 }
+    };
+    Frame(sd_ohm.iter().enumerate().map(|(channel, sd)| sign(channel) * sd).collect())
 }
 
 /// Checks a difference and its image.

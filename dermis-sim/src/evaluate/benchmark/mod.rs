@@ -238,7 +238,7 @@ impl Benchmark<'_> {
     /// frames.
     fn noise(&self, untouched: &[Frame]) -> crate::Result<ImageNoise> {
         let few = &untouched[..untouched.len().min(1000)];
-        Ok(image_noise(self.method, few)?.expect("there are untouched frames"))
+        Ok(image_noise(self.method, few, &self.design.protocol)?.expect("there are untouched frames"))
     }
 }
 
