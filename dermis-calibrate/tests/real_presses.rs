@@ -34,7 +34,7 @@ fn recording(name: &str) -> Option<Recording> {
         return None;
     }
     let skin = Skin::load("skin16").unwrap();
-    let frames = read_frames(&folder.join(format!("inp_{name}.csv")), &self.skin.design().protocol).unwrap();
+    let frames = read_frames(&folder.join(format!("inp_{name}.csv")), &skin.design().protocol).unwrap();
     let limits = PlaceLimits::of_box(Surface::Plane, [[0.0; 3]], 0.04);
     let truth = read_truth(&folder.join(format!("out_{name}.csv")), &limits, frames.len()).unwrap();
     let Truth::Elsewhere { positions_m: presses, .. } = truth else { panic!("presses in a robot's frame") };

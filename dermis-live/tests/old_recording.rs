@@ -2,7 +2,7 @@
 
 mod synthetic;
 
-use dermis_live::recording::{Recorder, Replay, Replayed, Session, recover};
+use dermis_live::recording::{Recorder, Replay, Replayed, Session, convert, recover};
 use serde_json::Value;
 use std::path::Path;
 
@@ -41,6 +41,23 @@ fn a_recording_of_an_earlier_version_replays_to_its_contacts() {
     }
     assert_eq!(lines.next(), None, "frames are missing");
     assert!(contacts > 100, "{contacts} contacts");
+}
+
+/// Its point clouds have fewer fields than those of this version.
+#[test]
+fn tables_of_a_recording_of_an_earlier_version_have_what_it_holds() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/recordings");
+    let out = tempfile::tempdir().unwrap();
+    let converted = convert(&folder.join("disk12.mcap"), &out.path().join("tables")).unwrap();
+    assert!(converted.left_out.is_empty() && converted.contacts > 100, "{converted:?}");
+    let table = std::fs::read_to_string(out.path().join("tables/contacts.csv")).unwrap();
+    let column = |name: &str| table.lines().next().unwrap().split(',').position(|column| column == name).unwrap();
+    let [x_m, confidence, id, seen] = ["x_m", "confidence", "id", "seen"].map(column);
+    for row in table.lines().skip(1).map(|row| row.split(',').collect::<Vec<_>>()) {
+        let number = |column: usize| row[column].parse::<f64>().unwrap();
+        assert!(number(x_m).abs() < 0.2 && (0.0..=1.0).contains(&number(confidence)), "{row:?}");
+        assert!(row[id].parse::<u32>().unwrap() < 1000 && number(seen).is_nan(), "{row:?}");
+    }
 }
 
 /// The same recording, written by another program with chunks that are compressed with LZ4.

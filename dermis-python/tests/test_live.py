@@ -33,6 +33,7 @@ def test_a_pipeline_finds_a_press_in_frames_of_ones_own(skin):
     assert last.contacts.seen[0] and last.contacts.velocity_m_s.shape == (1, 3)
     assert last.sequence == 179 and last.time_s == pytest.approx(1.0e9 + 179 / twin.frame_rate_hz)
     assert last.contacts.to_dataframe()["velocity_x_m_s"].notna().all()
+    assert all(f"`{name}`" in dermis.Contacts.__doc__ for name in last.contacts.dtype.names)
     pipeline.tare()
     assert pipeline.process(untouched[0], 2.0e9).validity == "invalid"
 

@@ -28,6 +28,7 @@ def test_frames_are_numbered_and_tables_have_the_columns_of_the_program(skin):
     assert contacts.frame.tolist() == [1, 2]
     assert len(contacts.of_frame(0)) == 0 and len(contacts.of_frame(2)) == 1
     assert isinstance(contacts, dermis.Contacts) and "<table>" in contacts._repr_html_()
+    assert all(f"`{name}`" in dermis.Contacts.__doc__ for name in contacts.dtype.names)
     pandas = pytest.importorskip("pandas")
     table = contacts.to_dataframe()
     assert isinstance(table, pandas.DataFrame) and list(table.columns[:5]) == ["frame", "id", "x_m", "y_m", "z_m"]

@@ -128,6 +128,25 @@ export type ServerMessage = SceneMessage | StatusMessage | RefusedMessage;
 
 /** A contact, as in JSON lines (docs/file-formats.md). Written by a test of dermis-live. */
 export interface Contact {
+  id: number;
+  position_m: Vec3;
+  normal: Vec3;
+  force_n: number | null;
+  force_sd_n: number | null;
+  strength: number | null;
+  area_m2: number | null;
+  sd_m: number | null;
+  confidence: number;
+  conductance?: "rises" | "falls";
+  centroid_m: Vec3;
+  centre_of_pressure_m: Vec3;
+  velocity_m_s: Vec3;
+  seen: boolean;
+  since: number;
+  age_s: number;
+  zone: string | null;
+  /** Its place on the unrolled surface, if there is one. */
+  flat_m: Vec2 | null;
 }
 
 export interface Validity {

@@ -15,7 +15,8 @@ pub use diagnostics::diagnostics;
 pub use markers::markers;
 pub use message::*;
 pub use schema::definition;
-pub use topic::{CONTACT_COLUMNS, ContactColumn, Due, Reference, Topic, contacts, frame, image, validity, wrench};
+pub(crate) use topic::{CONTACT_COLUMNS, ContactColumn};
+pub use topic::{Due, Reference, Topic, contacts, frame, image, validity, wrench};
 
 use byteorder::LittleEndian;
 use serde::{Serialize, de::DeserializeOwned};

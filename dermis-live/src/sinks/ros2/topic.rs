@@ -169,41 +169,35 @@ fn picture(header: Header, [rows, columns]: [usize; 2], values: impl Iterator<It
 }
 
 /// A number of a contact in point clouds and in the tables of recordings.
-#[derive(Debug, Clone, Copy)]
-pub struct ContactColumn {
+pub(crate) struct ContactColumn {
     /// Its field in a point cloud.
     pub ros: &'static str,
     /// Its column in tables.
     pub column: &'static str,
-    /// Whether it is an unsigned integer of 32 bits: the lowest ones of the contact's; else it is a float32.
+    /// Whether it is a uint32, the lowest bits of a count, and not a float32.
     pub is_count: bool,
-    /// Its index in [`numbers`].
-    index: usize,
+    number: Box<dyn Fn(&TrackedContact) -> f64 + Send + Sync>,
 }
 
 /// The numbers of a contact in point clouds: the coordinates first, where programs expect them, and counts last.
-pub static CONTACT_COLUMNS: LazyLock<Vec<ContactColumn>> = LazyLock::new(|| {
-    let numbers = columns(&Contact::FIELDS).chain(columns(&TrackedContact::FIELDS)).enumerate();
-    let column = |(index, (ros, column, is_count))| ContactColumn { ros, column, is_count, index };
-    let mut columns: Vec<ContactColumn> = numbers.map(column).collect();
+pub(crate) static CONTACT_COLUMNS: LazyLock<Vec<ContactColumn>> = LazyLock::new(|| {
+    let of_frame = columns(&Contact::FIELDS, |tracked| &tracked.contact);
+    let mut columns: Vec<ContactColumn> = of_frame.chain(columns(&TrackedContact::FIELDS, |tracked| tracked)).collect();
     columns.sort_by_key(|column| column.is_count);
     columns
 });
 
-fn columns<T>(fields: &[Field<T>]) -> impl Iterator<Item = (&'static str, &'static str, bool)> {
-    let of_field = |field: &Field<T>| {
-        let is_count = field.kind == FieldKind::Count;
-        field.ros.iter().zip(field.columns).map(move |(ros, column)| (*ros, *column, is_count))
+fn columns<T: 'static>(
+    fields: &'static [Field<T>],
+    part: fn(&TrackedContact) -> &T,
+) -> impl Iterator<Item = ContactColumn> {
+    let column = move |field: &'static Field<T>, index: usize| ContactColumn {
+        ros: field.ros[index],
+        column: field.columns[index],
+        is_count: field.kind == FieldKind::Count,
+        number: Box::new(move |tracked: &TrackedContact| field.numbers(part(tracked)).nth(index).unwrap_or(f64::NAN)),
     };
-    fields.iter().flat_map(of_field)
-}
-
-/// The numbers of a contact, in the order of its fields.
-fn numbers(tracked: &TrackedContact) -> Vec<f64> {
-    fn of<T>(fields: &[Field<T>], of: &T) -> impl Iterator<Item = f64> {
-        fields.iter().filter(|field| !field.ros.is_empty()).flat_map(|field| field.numbers(of))
-    }
-    of(&Contact::FIELDS, &tracked.contact).chain(of(&TrackedContact::FIELDS, tracked)).collect()
+    fields.iter().flat_map(move |field| (0..field.ros.len()).map(move |index| column(field, index)))
 }
 
 /// The validity of a frame as JSON, as in lines of JSON: `{"state": "ok"}`.
@@ -224,8 +218,7 @@ pub fn contacts(reference: &Reference, live: &LiveFrame) -> PointCloud2 {
     };
     let mut data = Vec::new();
     for tracked in &live.result.contacts {
-        let numbers = numbers(tracked);
-        data.extend(CONTACT_COLUMNS.iter().flat_map(|column| match numbers[column.index] {
+        data.extend(CONTACT_COLUMNS.iter().flat_map(|column| match (column.number)(tracked) {
             count if column.is_count => (count as u64 as u32).to_le_bytes(),
             number => (number as f32).to_le_bytes(),
         }));
