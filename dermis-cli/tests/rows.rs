@@ -109,6 +109,52 @@ fn rows_of_a_pipe_give_the_contacts_of_the_same_frames() {
     }
 }
 
+/// The numbers of a text after `noise of the channels`, ohm.
+fn noise_in(text: &str) -> Vec<f64> {
+    let (_, noise) = text.split_once("noise of the channels ").unwrap_or_else(|| panic!("no noise: {text}"));
+    let parts = noise.split(" and ").take(2);
+    parts.map(|part| part.split_whitespace().next().unwrap().parse().unwrap()).collect()
+}
+
+/// A recording has one noise in every command, live and from files.
+#[test]
+fn one_recording_has_one_noise() {
+    let at = Workplace::new();
+    at.write("disk.toml", workplace::DISK.replace("adjacent_undriven", "adjacent"));
+    let skin = Skin::load(at.path("disk.toml").to_str().unwrap()).unwrap();
+    let lines: Vec<String> = frames(&skin)[..TARE as usize].iter().map(row).collect();
+    at.write("untouched.csv", lines.iter().map(|line| format!("{line}\n")).collect::<String>());
+
+    let fit: Value =
+        serde_json::from_str(&at.good("fit disk.toml --frames untouched.csv -o fitted.toml --json")).unwrap();
+    let expected = ["others", "driven"].map(|group| fit[group]["noise_ohm"].as_f64().unwrap());
+    let same = |found: &[f64], what: &str| {
+        assert_eq!(found.len(), 2, "{what}");
+        for (found, expected) in found.iter().zip(expected) {
+            // Texts have four digits.
+            assert!((found / expected - 1.0).abs() < 5e-4, "{what}: {found} instead of {expected}");
+        }
+    };
+    for command in [
+        "check-build disk.toml --frames untouched.csv",
+        "check-frames disk.toml --frames untouched.csv --baseline untouched.csv",
+    ] {
+        // Findings have an exit code of their own.
+        let output = at.command(&format!("{command} --json")).output().unwrap();
+        let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let noise: Vec<f64> = json["noise_ohm"].as_array().unwrap().iter().map(|sd| sd.as_f64().unwrap()).collect();
+        same(&noise, command);
+    }
+    let contacts = at.good("contacts disk.toml --frames untouched.csv --baseline untouched.csv -o contacts.csv");
+    same(&noise_in(&contacts), "contacts");
+    let live = piped(&at, "--rate 120", &lines);
+    same(&noise_in(&said(&live)), "live");
+    // 60 dB of the values without a driven electrode, of which the simulation made the noise.
+    let rest = skin.forward().solve(skin.forward().rest_conductivity()).unwrap();
+    let sd_ohm = Noise::at_snr_db(60.0, &rest, &skin.design().protocol, f64::INFINITY).unwrap().sd_ohm;
+    assert!(expected.iter().all(|found| (found / sd_ohm - 1.0).abs() < 0.05), "{expected:?} of {sd_ohm}");
+}
+
 #[test]
 fn wrong_rows_are_lost_and_named() {
     let at = Workplace::new();
