@@ -186,9 +186,8 @@ fn arc(body: &Body, index: usize, electrode: &Electrode, length_m: f64) -> Resul
     // A centre on a cylinder's rim is exactly there.
     let rounding_m = if chart.period_m().is_some() { 0.0 } else { ROUNDING * width_m.max(height_m) };
     let centre = chart.unroll(electrode.centre_m);
-    let nearest = |edge: &Edge| edge.nearest(centre).1;
     let edges = Edge::all(&chart);
-    let on_edge = edges.iter().any(|edge| nearest(edge) <= rounding_m);
+    let on_edge = edges.iter().any(|edge| edge.nearest(centre).1 <= rounding_m);
     let edge_m = edges.iter().map(|edge| edge.length).fold(0.0, f64::max);
     if !on_edge {
         return Err(wrong("is an arc, but its centre is not on an edge of the body".into()));
