@@ -93,7 +93,9 @@ fn the_page_knows_the_fields_of_a_contact() {
             Some("boolean") => "boolean",
             Some("string") => "string",
             Some("null") => "null",
-            _ => "\"rises\" | \"falls\"",
+            // A type of its own: a sign, or a time in nanoseconds.
+            _ if key == "conductance" => "\"rises\" | \"falls\"",
+            _ => "number",
         };
         types.iter().map(name).collect::<Vec<_>>().join(" | ")
     };
