@@ -89,12 +89,14 @@ impl Arguments {
 
     fn text(&self, skin: &Skin, frames: usize, checked: &Checked, noise: Option<&ChannelNoise>) -> String {
         let mut text = format!(
-            "{}: {}{}, {}",
+            "{}: {}, {}",
             skin.design().name,
             counted(frames, "frame"),
-            noise.map(|noise| format!(", {noise}")).unwrap_or_default(),
             findings_text(&checked.findings, "no findings")
         );
+        if let Some(noise) = noise {
+            let _ = writeln!(text, "{noise}");
+        }
         for path in [&self.realign, &self.output].into_iter().flatten() {
             let _ = writeln!(text, "written to {}", path.display());
         }
