@@ -77,8 +77,8 @@ impl Arguments {
         let count: usize = contacts.iter().map(Vec::len).sum();
         let (contacts, frames) = (counted(count, "contact"), counted(contacts.len(), "frame"));
         let noise =
-            ChannelNoise::of(&rest, &skin.design().protocol).map(|noise| format!("; {noise}")).unwrap_or_default();
-        print(&format!("{}: {contacts} in {frames} ({}{noise})\n", self.output.display(), method.description()))
+            ChannelNoise::of(&rest, &skin.design().protocol).map(|noise| format!("{noise}\n")).unwrap_or_default();
+        print(&format!("{}: {contacts} in {frames} ({})\n{noise}", self.output.display(), method.description()))
     }
 
     /// The pose of the skin where contacts are wanted in the robot's frame; `None` for the skin's own.
