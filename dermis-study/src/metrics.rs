@@ -38,9 +38,9 @@ pub enum Worse {
     Less,
 }
 
-macro_rules! figure {
-    ($key:expr, $name:expr, $factor:literal, $decimals:literal, $worse:ident, $of:expr) => {
-        Figure { key: $key, name: $name, of: $of, factor: $factor, decimals: $decimals, worse: Worse::$worse }
+macro_rules! figures {
+    ($([$key:expr, $name:expr, $factor:literal, $decimals:literal, $worse:ident, $of:expr])*) => {
+        &[$(Figure { key: $key, name: $name, of: $of, factor: $factor, decimals: $decimals, worse: Worse::$worse }),*]
     };
 }
 
@@ -62,14 +62,9 @@ macro_rules! single_touches {
         }
     };
     ($set:ident $([$key:literal, $name:literal, $factor:literal, $decimals:literal, $of:expr])*) => {
-        &[$(figure!(
-            concat!(stringify!($set), $key),
-            concat!(stringify!($set), $name),
-            $factor,
-            $decimals,
-            More,
-            $of
-        )),*]
+        figures! {
+            $([concat!(stringify!($set), $key), concat!(stringify!($set), $name), $factor, $decimals, More, $of])*
+        }
     };
 }
 
@@ -80,71 +75,42 @@ pub fn figures() -> impl Iterator<Item = &'static Figure> {
 
 const GRID: &[Figure] = single_touches!(grid);
 const RANDOM: &[Figure] = single_touches!(random);
-const OTHERS: &[Figure] = &[
-    figure!("rim_and_seam_mean_m", "rim and seam: localisation, mean, mm", 1e3, 2, More, |t| t.rim_and_seam_m.mean),
-    figure!("rim_and_seam_p95_m", "rim and seam: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
-        t.rim_and_seam_m.p95
-    }),
-    figure!("rim_and_seam_over_all", "rim and seam: mean over that of both sets", 1.0, 2, More, |t| {
-        t.rim_and_seam_m.mean / t.single_m.mean
-    }),
-    figure!("grid_true_spread", "grid: spread of the true strength per newton", 1.0, 2, More, |t| {
-        t.force.true_spread[0]
-    }),
-    figure!("random_true_spread", "random: spread of the true strength per newton", 1.0, 2, More, |t| {
-        t.force.true_spread[1]
-    }),
-    figure!("rank_correlation_median", "peak and force at one place: rank correlation, median", 1.0, 3, Less, |t| {
-        t.force.rank_correlation()[0]
-    }),
-    figure!("rank_correlation_least", "peak and force at one place: rank correlation, least", 1.0, 3, Less, |t| {
-        t.force.rank_correlation()[1]
-    }),
-    figure!("peak_ratio_median", "peak at 4 N over 1 N, over the true ratio: median", 1.0, 2, Less, |t| {
-        t.force.peak_ratio()[0]
-    }),
-    figure!("peak_ratio_least", "peak at 4 N over 1 N, over the true ratio: least", 1.0, 2, Less, |t| {
-        t.force.peak_ratio()[1]
-    }),
-    figure!("covered_single", "95 % region holds the truth: one touch, %", 100.0, 1, Less, |t| t.covered.single),
-    figure!("covered_two", "95 % region holds the truth: two touches, both found, %", 100.0, 1, Less, |t| t
-        .covered
-        .two),
-    figure!("covered_two_as_one", "95 % region holds the nearer of two taken for one, %", 100.0, 1, Less, |t| {
-        t.covered.two_as_one
-    }),
-    figure!("covered_four", "95 % region holds the truth: four touches, all found, %", 100.0, 1, Less, |t| t
-        .covered
-        .four),
-    figure!(
-        "two_resolved_from_m",
-        "two touches: 90 % resolved from, mm",
-        1e3,
-        0,
-        More,
-        BenchmarkResult::resolved_from_m
-    ),
-    figure!("two_resolved_at_20_mm", "two touches: resolved at 20 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.02)),
-    figure!("two_resolved_at_40_mm", "two touches: resolved at 40 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.04)),
-    figure!("two_resolved_at_60_mm", "two touches: resolved at 60 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.06)),
-    figure!("two_resolved_at_80_mm", "two touches: resolved at 80 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.08)),
-    figure!("four_localisation_mean_m", "four touches: localisation, mean, mm", 1e3, 2, More, |t| {
-        t.four.localisation_m.mean
-    }),
-    figure!("four_localisation_p95_m", "four touches: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
-        t.four.localisation_m.p95
-    }),
-    figure!("four_misses_per_touch", "four touches: misses, % of touches", 100.0, 1, More, |t| {
-        t.four.misses as f64 / (4 * t.four.frames) as f64
-    }),
-    figure!("four_ghosts_per_touch", "four touches: false positives, % of touches", 100.0, 1, More, |t| {
-        t.four.false_positives as f64 / (4 * t.four.frames) as f64
-    }),
-    figure!("noise_factor", "threshold, sd of noise", 1.0, 2, More, |t| t.noise_factor),
-    figure!("least_force_median_n", "smallest force found, median, N", 1.0, 3, More, |t| t.least_force_n()[0]),
-    figure!("least_force_p95_n", "smallest force found, 95th percentile, N", 1.0, 3, More, |t| t.least_force_n()[1]),
-    figure!("four_all_found", "four touches: all found, nothing else, %", 100.0, 1, Less, |t| t.four.all_found),
-];
+const OTHERS: &[Figure] = figures! {
+    ["rim_and_seam_mean_m", "rim and seam: localisation, mean, mm", 1e3, 2, More, |t| t.rim_and_seam_m.mean]
+    ["rim_and_seam_p95_m", "rim and seam: localisation, 95th percentile, mm", 1e3, 2, More, |t| t.rim_and_seam_m.p95]
+    ["rim_and_seam_over_all", "rim and seam: mean over that of both sets", 1.0, 2, More,
+        |t| t.rim_and_seam_m.mean / t.single_m.mean]
+    ["grid_true_spread", "grid: spread of the true strength per newton", 1.0, 2, More, |t| t.force.true_spread[0]]
+    ["random_true_spread", "random: spread of the true strength per newton", 1.0, 2, More, |t| t.force.true_spread[1]]
+    ["rank_correlation_median", "peak and force at one place: rank correlation, median", 1.0, 3, Less,
+        |t| t.force.rank_correlation()[0]]
+    ["rank_correlation_least", "peak and force at one place: rank correlation, least", 1.0, 3, Less,
+        |t| t.force.rank_correlation()[1]]
+    ["peak_ratio_median", "peak at 4 N over 1 N, over the true ratio: median", 1.0, 2, Less,
+        |t| t.force.peak_ratio()[0]]
+    ["peak_ratio_least", "peak at 4 N over 1 N, over the true ratio: least", 1.0, 2, Less, |t| t.force.peak_ratio()[1]]
+    ["covered_single", "95 % region holds the truth: one touch, %", 100.0, 1, Less, |t| t.covered.single]
+    ["covered_two", "95 % region holds the truth: two touches, both found, %", 100.0, 1, Less, |t| t.covered.two]
+    ["covered_two_as_one", "95 % region holds the nearer of two taken for one, %", 100.0, 1, Less,
+        |t| t.covered.two_as_one]
+    ["covered_four", "95 % region holds the truth: four touches, all found, %", 100.0, 1, Less, |t| t.covered.four]
+    ["two_resolved_from_m", "two touches: 90 % resolved from, mm", 1e3, 0, More, BenchmarkResult::resolved_from_m]
+    ["two_resolved_at_20_mm", "two touches: resolved at 20 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.02)]
+    ["two_resolved_at_40_mm", "two touches: resolved at 40 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.04)]
+    ["two_resolved_at_60_mm", "two touches: resolved at 60 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.06)]
+    ["two_resolved_at_80_mm", "two touches: resolved at 80 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.08)]
+    ["four_localisation_mean_m", "four touches: localisation, mean, mm", 1e3, 2, More, |t| t.four.localisation_m.mean]
+    ["four_localisation_p95_m", "four touches: localisation, 95th percentile, mm", 1e3, 2, More,
+        |t| t.four.localisation_m.p95]
+    ["four_misses_per_touch", "four touches: misses, % of touches", 100.0, 1, More,
+        |t| t.four.misses as f64 / (4 * t.four.frames) as f64]
+    ["four_ghosts_per_touch", "four touches: false positives, % of touches", 100.0, 1, More,
+        |t| t.four.false_positives as f64 / (4 * t.four.frames) as f64]
+    ["noise_factor", "threshold, sd of noise", 1.0, 2, More, |t| t.noise_factor]
+    ["least_force_median_n", "smallest force found, median, N", 1.0, 3, More, |t| t.least_force_n()[0]]
+    ["least_force_p95_n", "smallest force found, 95th percentile, N", 1.0, 3, More, |t| t.least_force_n()[1]]
+    ["four_all_found", "four touches: all found, nothing else, %", 100.0, 1, Less, |t| t.four.all_found]
+};
 
 impl Figure {
     /// The value as printed in tables.

@@ -133,6 +133,15 @@ pub fn nearest_quantiles<const N: usize>(values: &[f32], parts: [f64; N]) -> [f3
     })
 }
 
+/// Where a condition begins to hold between two values, by so many halvings: the upper end of the last interval.
+pub fn bisect([mut low, mut high]: [f64; 2], halvings: usize, holds: impl Fn(f64) -> bool) -> f64 {
+    for _ in 0..halvings {
+        let middle = 0.5 * (low + high);
+        if holds(middle) { high = middle } else { low = middle }
+    }
+    high
+}
+
 /// The value of a rank, counted from 0 in ascending order.
 ///
 /// # Panics

@@ -31,14 +31,8 @@ const LINES: usize = 4;
 pub fn parts(fabrication: &Fabrication) -> Result<Vec<Part>, FabricateError> {
     let electrical = fabrication.electrical()?;
     let multiplexers = LINES * electrical.multiplexers;
-    let piece = |part: &str, kind: &str, count: usize, purpose| Part {
-        part: part.into(),
-        kind: kind.into(),
-        quantity: count as f64,
-        unit: "pieces",
-        purpose,
-    };
-    let kohm = 1e-3 * electrical.electronics.reference_ohm;
+    let piece = |name: &str, kind: &str, count: usize, purpose| part(name, kind, count as f64, "pieces", purpose);
+    let (kohm, bore_mm) = (1e-3 * electrical.electronics.reference_ohm, 1e3 * fabrication.options.bore_m);
     let mut parts = vec![
         piece("controller", "Raspberry Pi Pico", 1, "drives the multiplexers and sends frames"),
         piece("multiplexer", "ADG732 (32 to 1)", multiplexers, "source; ground; plus and minus input"),
@@ -47,40 +41,28 @@ pub fn parts(fabrication: &Fabrication) -> Result<Vec<Part>, FabricateError> {
         piece("converter", "MCP33131D-10", 1, "16 bits"),
         piece("reference resistor", &format!("{kohm} kohm; 0.1 %; 10 ppm/K"), 1, "in series with the source"),
         piece("bias resistor", "10 Mohm", 2, "amplifier inputs to half the supply"),
-        piece("electrode", &bore_kind(fabrication), fabrication.electrodes.len(), "pin or screw in each bore"),
+        piece("electrode", &format!("{bore_mm} mm"), fabrication.electrodes.len(), "pin or screw in each bore"),
     ];
     parts.extend(materials(fabrication)?);
     Ok(parts)
 }
 
-fn bore_kind(fabrication: &Fabrication) -> String {
-    format!("{} mm", 1e3 * fabrication.options.bore_m)
+fn part(name: &str, kind: &str, quantity: f64, unit: &'static str, purpose: &'static str) -> Part {
+    Part { part: name.into(), kind: kind.into(), quantity, unit, purpose }
 }
 
 fn materials(fabrication: &Fabrication) -> Result<Vec<Part>, FabricateError> {
-    let of = |part: &str, kind: String, quantity: f64, unit, purpose| Part {
-        part: part.into(),
-        kind,
-        quantity,
-        unit,
-        purpose,
-    };
     let fabric_m2: f64 = fabrication.patches.iter().map(|patch| patch.outline.area_m2()).sum();
-    let ohm = 1.0 / fabrication.design.sheet.conductance;
+    let coat = format!("{:.0} ohm per square", 1.0 / fabrication.design.sheet.conductance);
     let foam = format!("{} mm thick", 1e3 * fabrication.options.foam_thickness_m);
+    let base_cm3 = 1e-3 * fabrication.base()?.volume_mm3();
     Ok(vec![
-        of(
-            "printed base",
-            String::new(),
-            1e-3 * fabrication.base()?.volume_mm3(),
-            "cm3",
-            "solid volume without supports",
-        ),
-        of("coat", format!("{ohm:.0} ohm per square"), 1e4 * coat_m2(fabrication), "cm2", "sprayed on the base"),
-        of("conductive fabric", String::new(), 1e4 * fabric_m2, "cm2", "patches; without what is cut away"),
-        of("stretchable film", String::new(), 1e4 * fabric_m2, "cm2", "ironed on the fabric"),
-        of("foam", foam, 1e4 * foam_m2(fabrication), "cm2", "over the patches"),
-        of("wire", String::new(), wire_m(fabrication), "m", "channels and 0.3 m to the reader for each electrode"),
+        part("printed base", "", base_cm3, "cm3", "solid volume without supports"),
+        part("coat", &coat, 1e4 * coat_m2(fabrication), "cm2", "sprayed on the base"),
+        part("conductive fabric", "", 1e4 * fabric_m2, "cm2", "patches; without what is cut away"),
+        part("stretchable film", "", 1e4 * fabric_m2, "cm2", "ironed on the fabric"),
+        part("foam", &foam, 1e4 * foam_m2(fabrication), "cm2", "over the patches"),
+        part("wire", "", wire_m(fabrication), "m", "channels and 0.3 m to the reader for each electrode"),
     ])
 }
 

@@ -6,7 +6,6 @@ use crate::model::Fabrication;
 use crate::sheet;
 use dermis::design::FabricationOptions;
 use dermis_plot::{Drawing, View};
-use std::fmt::Write as _;
 
 /// Width and greatest height of a drawing on the page, mm.
 const BOX_MM: [f64; 2] = [172.0, 118.0];
@@ -28,40 +27,22 @@ pub(super) fn sheet(fabrication: &Fabrication, name: &str) -> Option<String> {
 /// A line of the picture's legend: where it points to, and its text.
 type Pointer = ([f64; 2], String);
 
+const CHANNEL: &str =
+    "<rect x=\"4\" y=\"43\" width=\"52\" height=\"9\" fill=\"#ffffff\" stroke=\"#1c2330\" stroke-width=\"0.25\"/>\n";
+
 /// A section of the wall through a bore, along its channel. Not to scale.
 pub(super) fn wall(options: &FabricationOptions) -> String {
-    let mut text = String::from(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"165mm\" viewBox=\"0 0 165 62\" role=\"img\" \
-         font-family=\"'DejaVu Sans', Verdana, sans-serif\" font-size=\"3.3\">\n<title>Section of the wall</title>\n",
-    );
-    let mut part = |x: f64, y: f64, width: f64, height: f64, fill: &str| {
-        let _ = writeln!(
-            text,
-            "<rect x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" fill=\"{fill}\" stroke=\"#1c2330\" \
-             stroke-width=\"0.25\"/>"
-        );
-    };
-    part(4.0, 4.0, 92.0, 10.0, "#d8e6f3");
-    (0..3).for_each(|k| part(4.5 + 31.0 * f64::from(k), 14.0, 29.0, 2.2, "#8a8f98"));
-    part(4.0, 26.0, 92.0, 26.0, "#efe6d2");
-    if options.channel_depth_m > 0.0 {
-        part(4.0, 43.0, 52.0, 9.0, "#ffffff");
-    }
-    part(44.0, 26.0, 12.0, 26.0, "#ffffff");
-    part(4.0, 24.6, 92.0, 1.4, "#3a3f47");
-    part(40.0, 23.4, 20.0, 1.4, "#c7ccd4");
-    part(47.0, 24.0, 6.0, 23.0, "#b87333");
-    text += "<path d=\"M50 47 C50 50 46 48.5 40 48.5 H1\" fill=\"none\" stroke=\"#b3261e\" stroke-width=\"0.9\"/>\n";
-    for (row, ([x, y], label)) in pointers(options).iter().enumerate() {
+    let channel = if options.channel_depth_m > 0.0 { CHANNEL } else { "" };
+    let pointer = |(row, ([x, y], label)): (usize, &Pointer)| {
         let at = 6.5 + 7.2 * row as f64;
-        let _ = writeln!(
-            text,
+        format!(
             "<path d=\"M{x} {y} L101 {at}\" fill=\"none\" stroke=\"#5a6472\" stroke-width=\"0.2\"/>\
-             <circle cx=\"{x}\" cy=\"{y}\" r=\"0.6\" fill=\"#1c2330\"/><text x=\"102\" y=\"{:.1}\">{label}</text>",
+             <circle cx=\"{x}\" cy=\"{y}\" r=\"0.6\" fill=\"#1c2330\"/><text x=\"102\" y=\"{:.1}\">{label}</text>\n",
             at + 1.2
-        );
-    }
-    text + "</svg>\n"
+        )
+    };
+    let pointers: String = pointers(options).iter().enumerate().map(pointer).collect();
+    format!(include_str!("wall.svg"), channel = channel, pointers = pointers)
 }
 
 fn pointers(options: &FabricationOptions) -> Vec<Pointer> {

@@ -228,28 +228,18 @@ pub(super) fn test(fabrication: &Fabrication) -> Result<String, FabricateError> 
     };
     let of_first = electrical.readings.iter().enumerate().filter(|(_, one)| one.slot.drive == first);
     let columns = ["Slot", "Between", "Least, mV", "Expected, mV", "Greatest, mV"];
-    let design = argument(&fabrication.design);
-    let port = "--source serial:/dev/ttyACM0";
-    let commands = format!(
-        "dermis check-device {design} {port}\ndermis check-build {design} {port} -o report.html\n\
-         dermis live {design} {port} --check-build"
-    );
     let text = format!(
-        "<p>Read the skin untouched and compare with {}. Limits are three standard deviations: the sheet resistance differs by \
-         {:.0} %, each contact impedance by {:.0} % (standard deviations), the reference resistor is within {:.1} %. An \
-         uneven coat is not in them. A value outside points to a swapped, open or shorted wire.</p>\n\
-         <p>With electrode {} at the source and {} at ground ({} V behind {} ohm), the first readings are:</p>\n{}\
-         <p>Then check the reader, find wrong wires and contacts, and touch the skin:</p>\n<pre><code>{}</code></pre>\n",
-        code("tables/readings.csv"),
-        100.0 * options.sheet_spread,
-        100.0 * options.contact_spread,
-        100.0 * electrical::REFERENCE_TOLERANCE,
-        label(first[0]),
-        label(first[1]),
-        electrical.electronics.source_v,
-        electrical.electronics.reference_ohm,
-        table(columns, of_first.take(SHOWN).map(row)).to_html(),
-        escaped(&commands)
+        include_str!("test.html"),
+        sheet = 100.0 * options.sheet_spread,
+        contact = 100.0 * options.contact_spread,
+        reference = 100.0 * electrical::REFERENCE_TOLERANCE,
+        source = label(first[0]),
+        sink = label(first[1]),
+        volt = electrical.electronics.source_v,
+        ohm = electrical.electronics.reference_ohm,
+        readings = table(columns, of_first.take(SHOWN).map(row)).to_html(),
+        design = escaped(&argument(&fabrication.design)),
+        port = "--source serial:/dev/ttyACM0"
     );
     Ok(section("6. First test", &text, true))
 }
@@ -269,16 +259,6 @@ fn is_plain(name: &str) -> bool {
 }
 
 pub(super) fn robot(fabrication: &Fabrication) -> String {
-    let frame = fabrication.design.frame_id();
-    let text = format!(
-        "<p>Positions of contacts are in the frame {}, which is the link of that name in {}. In a robot's own description \
-         include {} and call its macro with the parent link. {} opens RViz with the skin and its contacts; {} is a layout \
-         for Foxglove.</p>\n",
-        code(&frame),
-        code("robot/skin.urdf"),
-        code("robot/skin.urdf.xacro"),
-        code("ros2 launch robot/skin.launch.py"),
-        code("robot/foxglove.json"),
-    );
+    let text = format!(include_str!("robot.html"), frame = code(&fabrication.design.frame_id()));
     section("7. Robot", &text, false)
 }

@@ -13,21 +13,14 @@ use std::fmt::Write as _;
 /// # Errors
 /// None; the type is that of all kinds of outputs.
 pub fn files(fabrication: &Fabrication) -> Result<Vec<OutputFile>, FabricateError> {
+    let file = |path: &str, purpose: &str, text: String| OutputFile::new(path, purpose, text);
     Ok(vec![
-        OutputFile::new("robot/skin.urdf", "base and electrode frames for a robot (URDF)", urdf(fabrication)),
-        OutputFile::new(
-            "robot/skin.urdf.xacro",
-            "the same as a macro with prefix and parent (xacro)",
-            xacro(fabrication),
-        ),
-        OutputFile::new("robot/skin.xml", "base and electrode sites for MuJoCo (MJCF)", mjcf(fabrication)),
-        OutputFile::new("robot/skin.launch.py", "skin and contacts in RViz (ROS 2 launch)", views::launch(fabrication)),
-        OutputFile::new("robot/skin.rviz", "view of skin and contacts (RViz 2)", views::rviz(fabrication)),
-        OutputFile::new(
-            "robot/foxglove.json",
-            "view of skin and contacts (Foxglove layout)",
-            views::foxglove(fabrication),
-        ),
+        file("robot/skin.urdf", "base and electrode frames for a robot (URDF)", urdf(fabrication)),
+        file("robot/skin.urdf.xacro", "the same as a macro with prefix and parent (xacro)", xacro(fabrication)),
+        file("robot/skin.xml", "base and electrode sites for MuJoCo (MJCF)", mjcf(fabrication)),
+        file("robot/skin.launch.py", "skin and contacts in RViz (ROS 2 launch)", views::launch(fabrication)),
+        file("robot/skin.rviz", "view of skin and contacts (RViz 2)", views::rviz(fabrication)),
+        file("robot/foxglove.json", "view of skin and contacts (Foxglove layout)", views::foxglove(fabrication)),
     ])
 }
 
@@ -71,37 +64,20 @@ fn urdf(fabrication: &Fabrication) -> String {
 
 /// A macro: the skin on a link of a robot. The block is the pose of the skin's frame in the parent's.
 fn xacro(fabrication: &Fabrication) -> String {
-    let frame = fabrication.design.frame_id();
     format!(
-        "<?xml version=\"1.0\"?>\n\
-         <!-- <xacro:include filename=\"skin.urdf.xacro\"/>\n     \
-         <xacro:dermis_{frame} prefix=\"left_\" parent=\"forearm\" mesh=\"package://my_robot/meshes/base.stl\">\n       \
-         <origin xyz=\"0 0 0.1\" rpy=\"0 0 0\"/>\n     </xacro:dermis_{frame}>\n     \
-         The frame of its contacts is then left_{frame}: give this name to dermis live as its frame-id. -->\n\
-         <robot xmlns:xacro=\"http://www.ros.org/wiki/xacro\">\n  \
-         <xacro:macro name=\"dermis_{frame}\" params=\"prefix:='' parent mesh *origin\">\n    \
-         <joint name=\"${{prefix}}{frame}_mount\" type=\"fixed\">\n      <parent link=\"${{parent}}\"/>\n      \
-         <child link=\"${{prefix}}{frame}\"/>\n      <xacro:insert_block name=\"origin\"/>\n    </joint>\n{}  \
-         </xacro:macro>\n</robot>\n",
-        links(fabrication, "${prefix}", "${mesh}", "    ")
+        include_str!("skin.urdf.xacro"),
+        frame = fabrication.design.frame_id(),
+        links = links(fabrication, "${prefix}", "${mesh}", "    ")
     )
 }
 
 fn mjcf(fabrication: &Fabrication) -> String {
-    let frame = fabrication.design.frame_id();
-    let mut text = format!(
-        "<mujoco model=\"{}\">\n  <compiler meshdir=\"..\"/>\n  <asset>\n    <mesh name=\"base\" file=\"base.stl\" \
-         scale=\"0.001 0.001 0.001\"/>\n  </asset>\n  <worldbody>\n    <body name=\"{frame}\">\n      <geom name=\"base\" \
-         type=\"mesh\" mesh=\"base\"/>\n",
-        escaped(&fabrication.design.name)
-    );
-    for one in &fabrication.electrodes {
-        let (place, axis) = (numbers(&one.centre_m), numbers(&one.normal));
-        let _ = writeln!(
-            text,
-            "      <site name=\"{frame}_electrode_{}\" type=\"sphere\" size=\"0.002\" pos=\"{place}\" zaxis=\"{axis}\"/>",
-            one.number
-        );
-    }
-    text + "    </body>\n  </worldbody>\n</mujoco>\n"
+    let (name, frame) = (escaped(&fabrication.design.name), fabrication.design.frame_id());
+    let site = |one: &FabricatedElectrode| {
+        let (number, place, axis) = (one.number, numbers(&one.centre_m), numbers(&one.normal));
+        let name = format!("{frame}_electrode_{number}");
+        format!("      <site name=\"{name}\" type=\"sphere\" size=\"0.002\" pos=\"{place}\" zaxis=\"{axis}\"/>\n")
+    };
+    let sites: String = fabrication.electrodes.iter().map(site).collect();
+    format!(include_str!("skin.xml"), name = name, frame = frame, sites = sites)
 }

@@ -7,7 +7,7 @@ use crate::outline::Outline;
 use crate::sheet::{Label, Sheet, mm};
 use std::fmt::Display;
 
-/// Handles of objects that others refer to.
+/// Handles of objects that others refer to; 0x12 to 0x18 are those of `objects.dxf`.
 mod handle {
     pub(super) const TABLES: [(&str, u32); 9] = [
         ("VPORT", 0x1),
@@ -24,10 +24,6 @@ mod handle {
     pub(super) const PAPER: u32 = 0x11;
     pub(super) const MODEL_LAYOUT: u32 = 0x12;
     pub(super) const PAPER_LAYOUT: u32 = 0x13;
-    pub(super) const ROOT: u32 = 0x14;
-    pub(super) const GROUPS: u32 = 0x15;
-    pub(super) const LAYOUTS: u32 = 0x16;
-    pub(super) const PLOT_STYLES: u32 = 0x17;
     pub(super) const PLOT_STYLE: u32 = 0x18;
     /// The first handle of all other objects.
     pub(super) const FIRST: u32 = 0x100;
@@ -94,8 +90,8 @@ pub(super) fn text(sheet: &Sheet) -> String {
         block(file, "*Paper_Space", handle::PAPER, true);
     });
     file.section("ENTITIES", |file| entities(file, sheet));
-    file.section("OBJECTS", objects);
-    file.pair(0, "EOF");
+    // The last section: dictionaries, layouts, and the plot style of all layers.
+    file.text += include_str!("objects.dxf");
     // The header comes first, but names the first handle that is free.
     let mut whole = Writer { text: String::new(), next: 0 };
     whole.section("HEADER", |whole| header(whole, sheet, file.next));
@@ -211,45 +207,4 @@ fn label_text(file: &mut Writer, label: &Label) {
     file.pair(8, "LABELS").pair(100, "AcDbText");
     file.pair(10, mm(label.at_m[0])).pair(20, mm(label.at_m[1])).pair(30, "0.0");
     file.pair(40, mm(label.height_m)).pair(1, &label.text).pair(7, "Standard").pair(100, "AcDbText");
-}
-
-fn objects(file: &mut Writer) {
-    dictionary(
-        file,
-        handle::ROOT,
-        0,
-        &[
-            ("ACAD_GROUP", handle::GROUPS),
-            ("ACAD_LAYOUT", handle::LAYOUTS),
-            ("ACAD_PLOTSTYLENAME", handle::PLOT_STYLES),
-        ],
-    );
-    dictionary(file, handle::GROUPS, handle::ROOT, &[]);
-    dictionary(
-        file,
-        handle::LAYOUTS,
-        handle::ROOT,
-        &[("Model", handle::MODEL_LAYOUT), ("Layout1", handle::PAPER_LAYOUT)],
-    );
-    let (own, style) = (handle::PLOT_STYLES, format!("{:X}", handle::PLOT_STYLE));
-    file.object("ACDBDICTIONARYWDFLT", own, handle::ROOT, &["AcDbDictionary"]);
-    file.pair(281, 1).pair(3, "Normal").pair(350, &style).pair(100, "AcDbDictionaryWithDefault").pair(340, &style);
-    file.object("ACDBPLACEHOLDER", handle::PLOT_STYLE, own, &[]);
-    layout(file, "Model", handle::MODEL_LAYOUT, handle::MODEL, 0);
-    layout(file, "Layout1", handle::PAPER_LAYOUT, handle::PAPER, 1);
-}
-
-fn dictionary(file: &mut Writer, own: u32, owner: u32, entries: &[(&str, u32)]) {
-    file.object("DICTIONARY", own, owner, &["AcDbDictionary"]).pair(281, 1);
-    for (name, entry) in entries {
-        file.pair(3, name).pair(350, format_args!("{entry:X}"));
-    }
-}
-
-fn layout(file: &mut Writer, name: &str, own: u32, block: u32, tab: u32) {
-    file.object("LAYOUT", own, handle::LAYOUTS, &["AcDbPlotSettings"]);
-    // 1024: the tab of the model; 72: paper in mm.
-    file.pair(1, "").pair(4, "A4").pair(6, "").pair(70, if tab == 0 { 1024 } else { 0 }).pair(72, 1);
-    file.pair(100, "AcDbLayout").pair(1, name).pair(70, 1).pair(71, tab);
-    file.pair(330, format_args!("{block:X}"));
 }

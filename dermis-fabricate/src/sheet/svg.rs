@@ -4,7 +4,6 @@ use crate::outline::Outline;
 use crate::sheet::{FURNITURE, Label, Layer, Sheet, mm};
 use dermis::geom::vector::bounding_box;
 use dermis::text::escaped;
-use std::fmt::Write as _;
 
 /// Width of a line, mm: cutters read it as a hairline.
 const LINE_MM: f64 = 0.1;
@@ -19,24 +18,32 @@ pub(super) fn text(sheet: &Sheet) -> String {
         escaped(&sheet.purpose)
     );
     for layer in &sheet.layers {
-        let [red, green, blue] = layer.colour.0;
-        let _ = writeln!(
-            text,
-            "<g id=\"{}\" fill=\"none\" stroke=\"#{red:02x}{green:02x}{blue:02x}\" stroke-width=\"{LINE_MM}\">",
-            layer.name
-        );
-        for outline in &layer.outlines {
-            let _ = writeln!(text, "<path d=\"{}\"/>", path(outline, sheet.size_m[1]));
-        }
-        text += "</g>\n";
+        let style =
+            format!("id=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{LINE_MM}\"", layer.name, colour(layer));
+        text += &group(&style, outlines(sheet, layer));
     }
-    text += "<g id=\"LABELS\" fill=\"#000\" font-family=\"'DejaVu Sans', Verdana, sans-serif\">\n";
-    for label in &sheet.labels {
-        let [x, y] = [label.at_m[0], sheet.size_m[1] - label.at_m[1]].map(mm);
-        let size = mm(label.height_m / CAPITALS);
-        let _ = writeln!(text, "<text x=\"{x}\" y=\"{y}\" font-size=\"{size}\">{}</text>", escaped(&label.text));
-    }
-    text + "</g>\n</svg>\n"
+    let labels = sheet.labels.iter().map(|label| written(sheet, label, &mm(label.height_m / CAPITALS)));
+    text + &group(&format!("id=\"LABELS\" fill=\"#000\" {FONT}"), labels) + "</svg>\n"
+}
+
+const FONT: &str = "font-family=\"'DejaVu Sans', Verdana, sans-serif\"";
+
+fn group(style: &str, lines: impl Iterator<Item = String>) -> String {
+    format!("<g {style}>\n{}</g>\n", lines.collect::<String>())
+}
+
+fn colour(layer: &Layer) -> String {
+    let [red, green, blue] = layer.colour.0;
+    format!("#{red:02x}{green:02x}{blue:02x}")
+}
+
+fn outlines(sheet: &Sheet, layer: &Layer) -> impl Iterator<Item = String> {
+    layer.outlines.iter().map(move |outline| format!("<path d=\"{}\"/>\n", path(outline, sheet.size_m[1])))
+}
+
+fn written(sheet: &Sheet, label: &Label, size: &str) -> String {
+    let [x, y] = [label.at_m[0], sheet.size_m[1] - label.at_m[1]].map(mm);
+    format!("<text x=\"{x}\" y=\"{y}\" font-size=\"{size}\">{}</text>\n", escaped(&label.text))
 }
 
 /// Smallest capitals that are read on paper, mm, and most labels that are enlarged to them.
@@ -72,25 +79,14 @@ pub(crate) fn figure(sheet: &Sheet, box_mm: [f64; 2]) -> String {
         escaped(&sheet.purpose)
     );
     for layer in layers {
-        let [red, green, blue] = layer.colour.0;
-        let colour = format!("#{red:02x}{green:02x}{blue:02x}");
-        let _ = writeln!(
-            text,
-            "<g fill=\"{colour}\" fill-opacity=\"{}\" stroke=\"{colour}\" stroke-width=\"{line:.3}\">",
-            if layer.outlines.len() > 1 { 0.15 } else { 0.04 }
-        );
-        for outline in &layer.outlines {
-            let _ = writeln!(text, "<path d=\"{}\"/>", path(outline, sheet.size_m[1]));
-        }
-        text += "</g>\n";
+        let (colour, opacity) = (colour(layer), if layer.outlines.len() > 1 { 0.15 } else { 0.04 });
+        let style =
+            format!("fill=\"{colour}\" fill-opacity=\"{opacity}\" stroke=\"{colour}\" stroke-width=\"{line:.3}\"");
+        text += &group(&style, outlines(sheet, layer));
     }
-    text += "<g fill=\"#1c2330\" font-family=\"'DejaVu Sans', Verdana, sans-serif\">\n";
-    for label in labels.into_iter().filter(|_| shown) {
-        let [x, y] = [label.at_m[0], sheet.size_m[1] - label.at_m[1]].map(mm);
-        let size = factor * 1e3 * label.height_m / CAPITALS;
-        let _ = writeln!(text, "<text x=\"{x}\" y=\"{y}\" font-size=\"{size:.3}\">{}</text>", escaped(&label.text));
-    }
-    text + "</g>\n</svg>\n"
+    let size = |label: &Label| format!("{:.3}", factor * 1e3 * label.height_m / CAPITALS);
+    let labels = labels.into_iter().filter(|_| shown).map(|label| written(sheet, label, &size(label)));
+    text + &group(&format!("fill=\"#1c2330\" {FONT}"), labels) + "</svg>\n"
 }
 
 fn path(outline: &Outline, height_m: f64) -> String {

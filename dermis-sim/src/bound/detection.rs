@@ -5,6 +5,7 @@ use crate::elementary::erfc;
 use crate::twin::Press;
 use dermis::geom::Point3;
 use dermis::linalg::dot;
+use dermis::stats::bisect;
 use std::f64::consts::SQRT_2;
 
 /// Probability that a press of the smallest force is found in a frame.
@@ -73,12 +74,7 @@ impl Bounds {
 
 /// The value that a standard normal variable exceeds with a probability below one half.
 pub(super) fn normal_quantile(probability: f64) -> f64 {
-    let (mut low, mut high) = (0.0, 40.0);
-    for _ in 0..100 {
-        let middle = 0.5 * (low + high);
-        if 0.5 * erfc(middle / SQRT_2) > probability { low = middle } else { high = middle }
-    }
-    high
+    bisect([0.0, 40.0], 100, |value| 0.5 * erfc(value / SQRT_2) <= probability)
 }
 
 #[cfg(test)]

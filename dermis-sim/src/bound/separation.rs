@@ -7,6 +7,7 @@ use crate::twin::{Press, TwinError};
 use dermis::estimate::least_squares::{Control, LeastSquares, Normal, Steps, minimise};
 use dermis::geom::Point3;
 use dermis::linalg::{NotPositiveDefinite, dot};
+use dermis::stats::bisect;
 use std::f64::consts::{FRAC_PI_2, PI, SQRT_2};
 
 /// Two presses are told from one in this share of the cases...
@@ -176,21 +177,13 @@ impl LeastSquares for SingleFit<'_> {
 
 /// The value that the test exceeds for one press in 1 % of the cases.
 fn threshold() -> f64 {
-    bisect(0.0, 100.0, |value| noncentral_chi_square_3(value, 0.0) > 1.0 - FALSE_SPLITS)
+    bisect([0.0, 100.0], 100, |value| noncentral_chi_square_3(value, 0.0) > 1.0 - FALSE_SPLITS)
 }
 
 /// The misfit that exceeds the threshold in 90 % of the cases.
 fn needed_misfit() -> f64 {
     let threshold = threshold();
-    bisect(0.0, 1000.0, |misfit| noncentral_chi_square_3(threshold, misfit) < 1.0 - POWER)
-}
-
-fn bisect(mut low: f64, mut high: f64, is_high: impl Fn(f64) -> bool) -> f64 {
-    for _ in 0..100 {
-        let middle = 0.5 * (low + high);
-        if is_high(middle) { high = middle } else { low = middle }
-    }
-    high
+    bisect([0.0, 1000.0], 100, |misfit| noncentral_chi_square_3(threshold, misfit) < 1.0 - POWER)
 }
 
 /// The distribution function of the noncentral chi-square distribution with three degrees of freedom: the probability

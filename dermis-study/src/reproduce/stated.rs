@@ -1,29 +1,56 @@
-//! The figures in the paper, one by one, next to those of the reproduction.
+//! The figures in the paper, one by one, next to those of the reproduction: `stated.toml` has the rows, with what the
+//! paper states and what differs; this module computes their values.
 
 use super::benchmarked::Benchmarked;
+use super::bias::Structure;
 use super::results::Results;
-use crate::comparison::Named;
 use dermis::design::{Body, ImageLayout};
-use dermis_learn::TrainingRecord;
+use dermis_learn::{Epoch, TrainingRecord};
 use dermis_plot::report::Table;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// A figure in the paper and in the reproduction.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct Row {
+    /// The name of the computed values.
+    #[serde(skip_serializing)]
+    key: String,
     /// The quantity, with its unit.
     pub what: String,
-    /// The section of the paper.
-    pub paper_section: &'static str,
+    /// The section of the paper; empty where it has no such figure.
+    #[serde(default)]
+    pub paper_section: String,
     /// The values in the paper, one per column of its table; a dash where there is no value.
+    #[serde(default = "not_in_the_paper")]
     pub paper: Vec<String>,
     /// The values of the reproduction, one per column of its table.
+    #[serde(skip_deserializing)]
     pub ours: Vec<String>,
     /// The differences between the paper and the reproduction.
     pub differs: String,
 }
 
+/// The rows of `stated.toml`.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Stated {
+    facts: Vec<Row>,
+    results: Vec<Row>,
+}
+
 const NONE: &str = "\u{2013}";
+
+/// The paper's columns of a result that it does not state: linear method and network.
+fn not_in_the_paper() -> Vec<String> {
+    vec![NONE.into(); 2]
+}
+
+impl Stated {
+    fn read() -> Self {
+        toml::from_str(include_str!("stated.toml")).expect("a file of this crate, read in its tests")
+    }
+}
 
 /// A table of rows: the columns of the paper, those of the reproduction, and the differences.
 pub(super) fn table(paper: &[&str], ours: &[&str], rows: &[Row]) -> Table {
@@ -38,94 +65,129 @@ pub(super) fn table(paper: &[&str], ours: &[&str], rows: &[Row]) -> Table {
     table
 }
 
+/// The rows that have values, in the order of the file.
+fn filled(rows: Vec<Row>, ours: impl Fn(&str) -> Option<Vec<String>>) -> Vec<Row> {
+    rows.into_iter().filter_map(|row| Some(Row { ours: ours(&row.key)?, ..row })).collect()
+}
+
 /// Rows on the sensor, its instrument and its data.
 pub(super) fn facts(results: &Results<'_>) -> Vec<Row> {
-    let design = results.bench.skin.design();
-    let row = |what: &str, paper_section, paper: &str, ours: String, differs: &str| Row {
-        what: what.into(),
-        paper_section,
-        paper: vec![paper.into()],
-        ours: vec![ours],
-        differs: differs.into(),
-    };
-    let mm = |length_m: f64| format!("{:.0} mm", length_m * 1e3);
-    let size = match design.body {
+    filled(Stated::read().facts, |key| Some(vec![FACTS.iter().find(|fact| fact.0 == key)?.1(results)]))
+}
+
+/// Rows of results: those of the benchmark, and of structure and losses where there are any.
+pub(super) fn results(results: &Results<'_>) -> Vec<Row> {
+    filled(Stated::read().results, |key| RESULTS.iter().find(|value| value.0 == key)?.1.of_all(key, results))
+}
+
+/// The values of the rows on the sensor, its instrument and its data, by key.
+const FACTS: [(&str, fn(&Results<'_>) -> String); 10] = [
+    ("body", |results| match results.bench.skin.design().body {
         Body::Cylinder { length_m, diameter_m } => format!("{}, {}", mm(length_m), mm(diameter_m)),
         Body::Rectangle { width_m, height_m } => format!("flat, {} x {}", mm(width_m), mm(height_m)),
         Body::Disk { diameter_m } => format!("flat disk, {}", mm(diameter_m)),
         Body::Mesh { .. } => "a mesh file".into(),
-    };
-    let area_cm2 = results.bench.skin.pixels().areas.iter().sum::<f64>() * 1e4;
-    let image = match design.image {
+    }),
+    ("area", |results| format!("{:.0} cm\u{b2}", results.bench.skin.pixels().areas.iter().sum::<f64>() * 1e4)),
+    ("electrodes", |results| results.bench.skin.design().electrodes.len().to_string()),
+    ("sheet_resistance", |results| {
+        let sheet_ohm = 1.0 / results.bench.skin.design().sheet.conductance;
+        format!("{sheet_ohm:.0} ohm per square, uneven by {:.0} %", 100.0 * results.bench.twin.coat.rms)
+    }),
+    ("model", |results| {
+        format!("{} nodes; the twins {}", results.bench.skin.mesh().node_count(), results.gallery.pressed.nodes)
+    }),
+    ("voltages", |results| results.bench.skin.design().protocol.channel_count().to_string()),
+    ("image", |results| match results.bench.skin.design().image {
         ImageLayout::Grid { rows, columns } => format!("{rows} x {columns}"),
         ImageLayout::Cells => format!("{} cells", results.bench.skin.pixels().len()),
-    };
-    let electronics = &results.bench.twin.electronics;
-    let presses = results.bench.skin.pixels().len().div_ceil(results.scale.result().sizes.grid_step);
-    let [nodes, twin_nodes] = [results.bench.skin.mesh().node_count(), results.gallery.pressed.nodes];
-    let sheet_ohm = 1.0 / design.sheet.conductance;
-    vec![
-        row("length and diameter of the body", "III.A", "300 mm, 100 mm", size, "nothing"),
-        row(
-            "sensing area",
-            "V",
-            "30 cm x 31.4 cm = 942 cm\u{b2}",
-            format!("{area_cm2:.0} cm\u{b2}"),
-            "nothing; the 90 cm\u{b2} of the paper's abstract is an error",
-        ),
-        row(
-            "electrodes",
-            "III.A",
-            "30, in 6 rings of 5, rings 60 mm apart, a triangular grid",
-            design.electrodes.len().to_string(),
-            "the electrodes' size is not stated: ours have a radius of 4 mm, and six rings 60 mm apart put the outer ones on \
-             the rims, as half discs",
-        ),
-        row(
-            "sheet resistance",
-            "III.B",
-            "\u{201c}suitable\u{201d}",
-            format!("{sheet_ohm:.0} ohm per square, uneven by {:.0} %", 100.0 * results.bench.twin.coat.rms),
-            "not stated; ours is one coat of many, uneven over each twin as a sprayed coat is",
-        ),
-        row(
-            "model",
-            "III.A, Fig. 3",
-            "a mesh of EIDORS; nodes not stated",
-            format!("{nodes} nodes; the twins {twin_nodes}"),
-            "frames come from meshes of their own, on which no image is made",
-        ),
-        row(
-            "voltages of a frame",
-            "II.C",
-            "870",
-            design.protocol.channel_count().to_string(),
-            "nothing: adjacent pairs drive, all others measure",
-        ),
-        row("image", "II.C", "30 x 30", image, "nothing"),
-        row(
-            "frames a second",
-            "III.C",
-            "120",
-            format!("{:.0}", electronics.frame_rate_hz),
-            "ours is the instrument's own model: it includes the settling of switches, 12-bit quantization and noise",
-        ),
-        row(
-            "readings a second",
-            "III.C",
-            "up to 120,000",
-            format!("{:.0},000", electronics.slot_rate_hz / 1e3),
-            "nothing; 870 values and 30 currents fill 7.5 ms of 8.3",
-        ),
-        row(
-            "presses",
-            "IV.A",
-            "900, on a 30 x 30 grid, on one skin",
-            format!("{presses} on each of {}", results.twins()),
-            "their forces are not stated: ours lie between 1 and 5 N, log-uniform, independent of the place. Ours press fabric \
-             patches under foam on a twin whose coat, electrodes and contacts are unknown to all methods",
-        ),
-    ]
+    }),
+    ("frame_rate", |results| format!("{:.0}", results.bench.twin.electronics.frame_rate_hz)),
+    ("reading_rate", |results| format!("{:.0},000", results.bench.twin.electronics.slot_rate_hz / 1e3)),
+    ("presses", |results| {
+        let presses = results.bench.skin.pixels().len().div_ceil(results.scale.result().sizes.grid_step);
+        format!("{presses} on each of {}", results.twins())
+    }),
+];
+
+/// The values of a result, one per method.
+enum Value {
+    /// The benchmark's figure of the same key: the factor to its unit, and the number of decimals.
+    Figure(f64, usize),
+    /// A figure of the benchmark over that of the best linear method.
+    OverLinear(&'static str),
+    /// Of the results by the number of the method.
+    Method(fn(&Results<'_>, usize) -> String),
+    /// Of the method on a design of the study of structure.
+    Structure(&'static str, fn(&Structure) -> String),
+    /// Of the training of a network.
+    Training(fn(&TrainingRecord) -> Option<String>),
+}
+
+/// The values of the results, by key.
+const RESULTS: [(&str, Value); 27] = [
+    ("localisation", Value::Method(|results, method| localisation(&results.assessed[method]))),
+    ("grid_eq11_mean_m", Value::Figure(1e3, 1)),
+    ("localisation_over_linear", Value::OverLinear("grid_localisation_mean_m")),
+    ("random_localisation_mean_m", Value::Figure(1e3, 1)),
+    ("grid_localisation_p95_m", Value::Figure(1e3, 1)),
+    ("rim_and_seam_mean_m", Value::Figure(1e3, 1)),
+    ("grid_misses", Value::Figure(1.0, 1)),
+    ("grid_ghosts", Value::Figure(1.0, 1)),
+    ("grid_sensitivity_spread", Value::Figure(1.0, 2)),
+    ("sensitivity_spread_over_linear", Value::OverLinear("grid_sensitivity_spread")),
+    ("four_all_found", Value::Figure(100.0, 0)),
+    ("two_resolved_from_m", Value::Figure(1e3, 0)),
+    ("two_resolved_at_40_mm", Value::Figure(100.0, 0)),
+    ("least_force_median_n", Value::Figure(1.0, 3)),
+    ("least_force_p95_n", Value::Figure(1.0, 3)),
+    ("unexplained", Value::Method(|results, method| results.assessed[method].unexplained.map_or(NONE.into(), percent))),
+    (
+        "seconds_a_frame",
+        Value::Method(|results, method| format!("{:.2} ms", results.gallery.seconds_a_frame[method] * 1e3)),
+    ),
+    ("bias", Value::Structure("designed", bias)),
+    ("bias_cut_open", Value::Structure("cut", bias)),
+    ("missed_middle", Value::Structure("designed", |one| percent(one.missed_middle))),
+    ("missed_middle_rims", Value::Structure("rims-across", |one| percent(one.missed_middle))),
+    ("training_samples", Value::Training(|record| Some(record.samples.to_string()))),
+    ("test_samples", Value::Training(|record| Some(record.test_samples.to_string()))),
+    ("minibatch", Value::Training(|record| Some(record.options.batch.to_string()))),
+    ("training_loss", Value::Training(|record| last(record, |epoch| format!("{:.2e}", epoch.training_loss)))),
+    ("test_loss", Value::Training(|record| last(record, |epoch| format!("{:.2e}", epoch.test_loss)))),
+    (
+        "unexplained_loss",
+        Value::Training(|record| last(record, |epoch| percent(epoch.test_loss / record.target_variance))),
+    ),
+];
+
+impl Value {
+    /// The values of all methods; `None` without a study of structure, or without networks.
+    fn of_all(&self, key: &str, results: &Results<'_>) -> Option<Vec<String>> {
+        let exists = match self {
+            Value::Structure(..) => results.structure.is_some(),
+            Value::Training(_) => results.methods.iter().any(|method| method.card.is_some()),
+            _ => true,
+        };
+        exists.then(|| (0..results.assessed.len()).map(|method| self.of(key, results, method)).collect())
+    }
+
+    fn of(&self, key: &str, results: &Results<'_>, method: usize) -> String {
+        let assessed = &results.assessed[method];
+        let found = match self {
+            Value::Figure(factor, decimals) => Some(cell(assessed, key, *factor, *decimals)),
+            Value::OverLinear(figure) => {
+                let best = results.linear().map(|one| one.figure(figure)[0]).fold(f64::INFINITY, f64::min);
+                Some(format!("{:.2}", assessed.figure(figure)[0] / best))
+            }
+            Value::Method(of) => Some(of(results, method)),
+            Value::Structure(design, of) => {
+                results.structure.as_ref().and_then(|study| study.of(design, &assessed.key)).map(of)
+            }
+            Value::Training(of) => results.methods[method].card.as_ref().and_then(|card| of(&card.training)),
+        };
+        found.unwrap_or_else(|| NONE.into())
+    }
 }
 
 /// Mean over the twins, and the worst twin in parentheses.
@@ -138,219 +200,58 @@ fn cell(assessed: &Benchmarked, key: &str, factor: f64, decimals: usize) -> Stri
     }
 }
 
-/// Rows of results.
-pub(super) fn results(results: &Results<'_>) -> Vec<Row> {
-    let ours = |of: &dyn Fn(&Benchmarked) -> String| results.assessed.iter().map(of).collect::<Vec<String>>();
-    let row = |what: &str, paper_section, paper: [&str; 2], ours: Vec<String>, differs: &str| Row {
-        what: what.into(),
-        paper_section,
-        paper: paper.map(String::from).to_vec(),
-        ours,
-        differs: differs.into(),
-    };
-    let plain = |what, key, factor, decimals, differs| {
-        row(what, "", [NONE, NONE], ours(&|one| cell(one, key, factor, decimals)), differs)
-    };
-    let with_sd = |set: &str| {
-        ours(&|one| {
-            let [mean, worst] = one.figure(&format!("{set}_localisation_mean_m")).map(|value| value * 1e3);
-            let sd = one.figure(&format!("{set}_localisation_sd_m"))[0] * 1e3;
-            let worst = if one.twins.len() > 1 { format!(" ({worst:.1})") } else { String::new() };
-            format!("{mean:.1} \u{b1} {sd:.1}{worst}")
-        })
-    };
-    let best_linear = |key: &str| results.linear().map(|one| one.figure(key)[0]).fold(f64::INFINITY, f64::min);
-    let over_linear = |key: &str| {
-        let best = best_linear(key);
-        ours(&|one| format!("{:.2}", one.figure(key)[0] / best))
-    };
-    let mut rows = vec![
-        row(
-            "localisation, presses on the grid, mm",
-            "IV.B",
-            ["5.5 \u{b1} 3.2", "5.2 \u{b1} 3.3"],
-            with_sd("grid"),
-            "the paper's were measured on a real skin, by the centroid of the whole image; ours are simulated, the place of the \
-             contact that one detector finds in every method's image",
-        ),
-        row(
-            "the same, by the centroid of the whole image (Eq. 11), mm",
-            "IV.B",
-            ["5.5", "5.2"],
-            ours(&|one| cell(one, "grid_eq11_mean_m", 1e3, 1)),
-            "the paper's formula on the whole image, without a threshold: ringing and noise far from the press weigh in. The \
-             paper does not say how its own images were cut to keep them out",
-        ),
-        row(
-            "localisation over that of the best linear method",
-            "IV.B",
-            ["1", "0.95"],
-            over_linear("grid_localisation_mean_m"),
-            "on the same frames",
-        ),
-        plain("presses at random places, mm", "random_localisation_mean_m", 1e3, 1, "patches shifted against the grid"),
-        plain("95th percentile, grid, mm", "grid_localisation_p95_m", 1e3, 1, "not stated in the paper"),
-        plain("rim and seam, mm", "rim_and_seam_mean_m", 1e3, 1, "within 20 mm of a rim or 15 mm of the seam"),
-        plain("misses on the grid", "grid_misses", 1.0, 1, "no contact within 20 mm"),
-        plain("false positives on the grid", "grid_ghosts", 1.0, 1, "a contact where nothing touched"),
-        row(
-            "sensitivity spread, sd over mean",
-            "IV.C",
-            ["0.45", "0.39"],
-            ours(&|one| cell(one, "grid_sensitivity_spread", 1.0, 2)),
-            "peak of the image over the force (Eq. 12). Twins are pressed with forces from 1 to 5 N on contacts that saturate \
-             and on patches with gaps, so that strength per newton itself differs from press to press; the paper's forces are not \
-             stated",
-        ),
-        row(
-            "sensitivity spread over that of the best linear method",
-            "IV.C",
-            ["1", "0.87"],
-            over_linear("grid_sensitivity_spread"),
-            "on the same frames",
-        ),
-        row(
-            "four touches: all four found, no false positive, % of frames",
-            "IV.D, Fig. 9",
-            ["not resolved", "resolved"],
-            ours(&|one| cell(one, "four_all_found", 100.0, 0)),
-            "the paper shows one picture, pressed by hand; ours are counted, at random places at least 60 mm apart with forces \
-             between 1 and 5 N, each found within 15 mm",
-        ),
-        plain(
-            "two touches: 90 % resolved from, mm",
-            "two_resolved_from_m",
-            1e3,
-            0,
-            "shown by the paper's Fig. 9 alone",
-        ),
-        plain("two touches: resolved at 40 mm, %", "two_resolved_at_40_mm", 100.0, 0, "not stated in the paper"),
-        plain("smallest force found, median, N", "least_force_median_n", 1.0, 3, "not stated in the paper"),
-        plain(
-            "smallest force found, 95th percentile over places, N",
-            "least_force_p95_n",
-            1.0,
-            3,
-            "found 90 % of the time at no more than one false contact an hour at 120 frames a second",
-        ),
-    ];
-    rows.push(row(
-        "left unexplained of Gaussian touches, % of their variance",
-        "",
-        [NONE, NONE],
-        ours(&|one| one.unexplained.map_or(NONE.to_string(), |part| format!("{:.1}", 100.0 * part))),
-        "fresh samples of what the paper's network learned from, with noise from 54 to 42 dB, each method's images times its one best \
-         gain; the best network makes an image of touches and not of conductance",
-    ));
-    let seconds = results.gallery.seconds_a_frame.iter();
-    rows.push(row(
-        "time for a frame",
-        "III.C",
-        ["8.3 ms", "8.3 ms"],
-        seconds.map(|&seconds| format!("{:.2} ms", seconds * 1e3)).collect(),
-        "the paper's is the time between two of its 120 frames a second, measuring included; ours is the processing of one frame on one thread, \
-         median, on the machine that made this page",
-    ));
-    rows.extend(structure_rows(results));
-    rows.extend(loss_rows(results));
-    rows
+/// Mean and standard deviation of the localisation on the grid in mm, the mean of the worst twin in parentheses.
+fn localisation(assessed: &Benchmarked) -> String {
+    let [mean, worst] = assessed.figure("grid_localisation_mean_m").map(|value| value * 1e3);
+    let sd = assessed.figure("grid_localisation_sd_m")[0] * 1e3;
+    let worst = if assessed.twins.len() > 1 { format!(" ({worst:.1})") } else { String::new() };
+    format!("{mean:.1} \u{b1} {sd:.1}{worst}")
 }
 
-/// Rows of losses, if there are networks.
-fn loss_rows(results: &Results<'_>) -> Vec<Row> {
-    if results.methods.iter().all(|method| method.card.is_none()) {
-        return Vec::new();
+fn mm(length_m: f64) -> String {
+    format!("{:.0} mm", length_m * 1e3)
+}
+
+fn percent(part: f64) -> String {
+    format!("{:.1}", 100.0 * part)
+}
+
+fn bias(one: &Structure) -> String {
+    format!("{:+.2}, {:+.2}", one.bias_along_m * 1e3, one.bias_round_m * 1e3)
+}
+
+fn last(record: &TrainingRecord, of: impl Fn(&Epoch) -> String) -> Option<String> {
+    record.epochs.last().map(of)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::figures;
+
+    fn keys<'a>(keys: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+        let mut keys: Vec<&str> = keys.collect();
+        keys.sort_unstable();
+        keys
     }
-    let row = |what: &str, paper: &str, of: &dyn Fn(&TrainingRecord) -> Option<String>, differs: &str| {
-        let one =
-            |method: &Named| method.card.as_ref().and_then(|card| of(&card.training)).unwrap_or_else(|| NONE.into());
-        Row {
-            what: what.into(),
-            paper_section: if paper == NONE { "" } else { "II.C" },
-            paper: vec![NONE.into(), paper.into()],
-            ours: results.methods.iter().map(one).collect(),
-            differs: differs.into(),
-        }
-    };
-    let loss = |loss: f64| format!("{loss:.2e}");
-    vec![
-        row(
-            "training samples",
-            "about 1,100,000",
-            &|record| Some(record.samples.to_string()),
-            "the paper's are of one skin; ours of many, whose coats and electrodes differ",
-        ),
-        row("test samples", "40,000", &|record| Some(record.test_samples.to_string()), "simulated, as the paper's"),
-        row("minibatch", "360", &|record| Some(record.options.batch.to_string()), "nothing"),
-        row(
-            "loss on training samples",
-            "6.17e-4",
-            &|record| record.epochs.last().map(|epoch| loss(epoch.training_loss)),
-            "the paper does not state the scale of its target; ours is the relative change of conductance, for the best network each touch \
-             as a Gaussian of one width and of the strength of the touch",
-        ),
-        row(
-            "loss on test samples",
-            "6.42e-4",
-            &|record| record.epochs.last().map(|epoch| loss(epoch.test_loss)),
-            "the same; ours with noise on the input",
-        ),
-        row(
-            "test loss over the variance of the target, %",
-            NONE,
-            &|record| {
-                record.epochs.last().map(|epoch| format!("{:.1}", 100.0 * epoch.test_loss / record.target_variance))
-            },
-            "what the network leaves unexplained, whatever the scale",
-        ),
-    ]
-}
 
-/// Rows on the paper's claims on structure.
-fn structure_rows(results: &Results<'_>) -> Vec<Row> {
-    let Some(study) = &results.structure else { return Vec::new() };
-    let of = |design: &str, format: &dyn Fn(&super::bias::Structure) -> String| {
-        let one = |assessed: &Benchmarked| study.of(design, &assessed.key).map_or(NONE.to_string(), format);
-        results.assessed.iter().map(one).collect::<Vec<String>>()
-    };
-    let signed = |along_m: f64, round_m: f64| format!("{:+.2}, {:+.2}", along_m * 1e3, round_m * 1e3);
-    let row = |what: &str, paper_section, paper: &str, ours, differs: &str| Row {
-        what: what.into(),
-        paper_section,
-        paper: vec![NONE.into(), paper.into()],
-        ours,
-        differs: differs.into(),
-    };
-    vec![
-        row(
-            "bias towards the middle, along and round, mm",
-            "IV.B",
-            "none",
-            of("designed", &|one| signed(one.bias_along_m, one.bias_round_m)),
-            "the paper states it for its Fig. 7 without a figure. Round means away from a line 18 degrees beside the seam; on a closed \
-             skin it should vanish",
-        ),
-        row(
-            "the same on the skin cut open, mm",
-            "IV.B",
-            "not tried",
-            of("cut", &|one| signed(one.bias_along_m, one.bias_round_m)),
-            "the control of that claim: see the section on structure",
-        ),
-        row(
-            "missed in the middle third of the length, %",
-            "",
-            NONE,
-            of("designed", &|one| format!("{:.1}", 100.0 * one.missed_middle)),
-            "presses at random places",
-        ),
-        row(
-            "the same with all electrodes on the rims, %",
-            "III.A",
-            "poor there",
-            of("rims-across", &|one| format!("{:.1}", 100.0 * one.missed_middle)),
-            "the paper cites its predecessor, without a figure; ours is the same skin with its electrodes on the rims, driven from \
-             rim to rim, each method made anew for it",
-        ),
-    ]
+    #[test]
+    fn every_row_has_its_value_and_every_value_its_row() {
+        let Stated { facts, results } = Stated::read();
+        assert_eq!(keys(facts.iter().map(|row| &row.key[..])), keys(FACTS.iter().map(|fact| fact.0)));
+        assert_eq!(keys(results.iter().map(|row| &row.key[..])), keys(RESULTS.iter().map(|value| value.0)));
+        assert!(facts.iter().all(|row| row.paper.len() == 1) && results.iter().all(|row| row.paper.len() == 2));
+    }
+
+    #[test]
+    fn the_figures_are_those_of_the_benchmark() {
+        for (key, value) in &RESULTS {
+            let figure = match value {
+                Value::Figure(..) => key,
+                Value::OverLinear(figure) => figure,
+                _ => continue,
+            };
+            assert!(figures().any(|one| one.key == *figure), "{figure}");
+        }
+    }
 }

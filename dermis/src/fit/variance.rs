@@ -1,5 +1,7 @@
 //! Variance of the model in a group of channels.
 
+use crate::stats::bisect;
+
 /// Least standard deviation, relative to the values of the group: the rounding of the forward model.
 const ROUNDING: f64 = 1e-10;
 
@@ -18,12 +20,7 @@ pub(super) fn model_variance(squares: &[f64], noise: &[f64], freedom: f64) -> f6
         return 0.0;
     }
     // The sum falls with the variance, and is below the degrees of freedom at the upper end.
-    let (mut low, mut high) = (0.0, total / freedom);
-    for _ in 0..100 {
-        let middle = 0.5 * (low + high);
-        if excess(middle) > freedom { low = middle } else { high = middle }
-    }
-    high
+    bisect([0.0, total / freedom], 100, |variance| excess(variance) <= freedom)
 }
 
 #[cfg(test)]

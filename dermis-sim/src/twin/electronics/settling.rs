@@ -13,6 +13,7 @@
 
 use crate::elementary::log2;
 use dermis::forward::ElectrodeNetwork;
+use dermis::stats::bisect;
 
 type Matrix3 = [[f64; 3]; 3];
 
@@ -127,18 +128,13 @@ impl Slot {
                 return LEAST_S;
             }
         }
-        let mut below_s = above_s / STEP;
-        for _ in 0..HALVINGS {
-            let middle_s = 0.5 * (below_s + above_s);
-            if error(middle_s) <= share { above_s = middle_s } else { below_s = middle_s }
-        }
-        above_s
+        bisect([above_s / STEP, above_s], HALVINGS, |duration_s| error(duration_s) <= share)
     }
 }
 
 /// Ratio of two steps of the search for the settling time, and the bisections after it: 0.1 %.
 const STEP: f64 = 1.1;
-const HALVINGS: u32 = 7;
+const HALVINGS: usize = 7;
 /// The shortest settling time, s: no switch is faster.
 const LEAST_S: f64 = 1e-9;
 
