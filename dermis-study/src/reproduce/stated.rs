@@ -80,8 +80,11 @@ pub(super) fn results(results: &Results<'_>) -> Vec<Row> {
     filled(Stated::read().results, |key| RESULTS.iter().find(|value| value.0 == key)?.1.of_all(key, results))
 }
 
-/// The values of the rows on the sensor, its instrument and its data, by key.
-const FACTS: [(&str, fn(&Results<'_>) -> String); 10] = [
+/// The value of a row on the sensor, its instrument or its data.
+type Fact = fn(&Results<'_>) -> String;
+
+/// These values, by key.
+const FACTS: [(&str, Fact); 10] = [
     ("body", |results| match results.bench.skin.design().body {
         Body::Cylinder { length_m, diameter_m } => format!("{}, {}", mm(length_m), mm(diameter_m)),
         Body::Rectangle { width_m, height_m } => format!("flat, {} x {}", mm(width_m), mm(height_m)),

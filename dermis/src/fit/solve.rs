@@ -289,7 +289,7 @@ struct Weighted<'a> {
 }
 
 impl Weighted<'_> {
-    fn from_prior(&self, point: &Point, unknown: usize) -> f64 {
+    fn distance_from_prior(&self, point: &Point, unknown: usize) -> f64 {
         point.unknowns[unknown] - self.search.centres[unknown]
     }
 }
@@ -301,7 +301,7 @@ impl LeastSquares for Weighted<'_> {
 
     fn cost(&self, point: &Point) -> f64 {
         let squares = point.residuals.iter().zip(self.weights).map(|(residual, weight)| weight * residual * residual);
-        let prior = |&one: &usize| self.search.prior(one) * self.from_prior(point, one).powi(2);
+        let prior = |&one: &usize| self.search.prior(one) * self.distance_from_prior(point, one).powi(2);
         squares.sum::<f64>() + self.search.free.iter().map(prior).sum::<f64>()
     }
 
@@ -309,7 +309,7 @@ impl LeastSquares for Weighted<'_> {
         let derivatives = self.model.derivatives(&point.unknowns)?;
         let mut normal = self.search.normal(&derivatives, self.weights, &self.data.channels, &point.residuals);
         for (index, &one) in self.search.free.iter().enumerate() {
-            normal.add_prior(index, self.search.prior(one), self.from_prior(point, one));
+            normal.add_prior(index, self.search.prior(one), self.distance_from_prior(point, one));
         }
         Ok(normal)
     }

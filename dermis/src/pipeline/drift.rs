@@ -137,8 +137,8 @@ fn fit(
         let mut unit = vec![0.0; count];
         unit[mode] = 1.0;
         let of_mode = factor.solve(&unit);
-        for channel in 0..channel_count {
-            *fit.at_mut(channel, mode) = dot(&of_mode, effects.row(channel)) / sd_ohm[channel];
+        for (channel, sd) in sd_ohm.iter().enumerate() {
+            *fit.at_mut(channel, mode) = dot(&of_mode, effects.row(channel)) / sd;
         }
     }
     Ok(fit)
