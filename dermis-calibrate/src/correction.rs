@@ -37,7 +37,7 @@ const LENGTH_PART: f64 = 0.1;
 ///
 /// let skin = Skin::load("skin16")?;
 /// let method = Methods::linear().method(&skin, "noser", &MethodOptions::default())?;
-/// let detector = method.detector(&[], &design.protocol)?;
+/// let detector = method.detector(&[], &skin.design().protocol)?;
 /// let untouched = Frame(vec![0.0; skin.design().protocol.channel_count()]);
 /// // Without presses there is nothing to correct.
 /// let fit = Correction::fit(skin.pixels(), &method, &detector, &[untouched], &[]);
