@@ -200,6 +200,13 @@ mod tests {
     }
 
     #[test]
+    fn a_bisection_ends_above_the_place_by_no_more_than_its_last_interval() {
+        let root = bisect([0.0, 2.0], 10, |value| value * value >= 2.0);
+        assert!((0.0..=2.0 / 1024.0).contains(&(root - 2f64.sqrt())), "{root}");
+        assert_eq!(bisect([0.0, 2.0], 10, |_| false), 2.0);
+    }
+
+    #[test]
     fn the_other_quantiles_are_values_of_the_sample() {
         let values: Vec<f32> = (0..=100).rev().map(|value| value as f32).collect();
         assert_eq!(nearest_quantiles(&values, [0.0, 0.5, 0.99, 1.0]), [0.0, 50.0, 99.0, 100.0]);
