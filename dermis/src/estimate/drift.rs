@@ -53,8 +53,8 @@ fn of_sheet(model: &ForwardModel, spread: &DriftSpread) -> Vec<Vec<(usize, f64)>
     let extent_m = (0..3).map(half_m).fold(f64::MIN_POSITIVE, f64::max);
     let whole = (spread.sheet > 0.0).then(|| vec![spread.sheet; centres_m.len()]);
     let linear = |axis: usize| along(axis).map(|at| spread.gradient * (at - middle[axis]) / extent_m).collect();
-    // A flat body has no gradient across it.
-    let axes = (0..3).filter(|&axis| spread.gradient > 0.0 && half_m(axis) > 0.0);
+    // Across a flat body the gradient is zero.
+    let axes = (0..3).filter(|_| spread.gradient > 0.0);
     let changes = |shares: Vec<f64>| {
         model.rest_conductivity().iter().zip(shares).map(|(rest, share)| rest * share).enumerate().collect()
     };
@@ -116,11 +116,12 @@ mod tests {
     }
 
     #[test]
-    fn a_flat_skin_has_two_gradients_and_amplitudes_have_no_signs() {
+    fn a_flat_skin_has_no_gradient_across_it_and_amplitudes_have_no_signs() {
         let spread = DriftSpread { gradient: 0.03, contact_least_ohm: 0.5, ..DriftSpread::default() };
         let (signed, amplitudes) = (model(false), model(true));
         let [a, b] = [&signed, &amplitudes].map(|model| directions(model, &spread).unwrap());
-        assert_eq!([a.rows, b.rows], [2 + 16; 2]);
+        assert_eq!([a.rows, b.rows], [3 + 16; 2]);
+        assert!(a.row(0).iter().any(|change| *change != 0.0) && a.row(2).iter().all(|change| *change == 0.0));
         let rest = signed.solve(signed.rest_conductivity()).unwrap();
         for (channel, value) in rest.iter().enumerate() {
             assert!((a.at(0, channel) * value.signum() - b.at(0, channel)).abs() < 1e-12, "{channel}");

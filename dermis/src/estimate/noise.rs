@@ -12,8 +12,11 @@ const FLOOR: f64 = 0.5;
 const ASSUMED: f64 = 1e-3;
 /// With fewer frames a touched one cannot be told from the others.
 const FEWEST_FOR_WEIGHTS: usize = 4;
-/// Weights are computed this many times; after a touch as strong as the whole frame they change by less than 1 %.
-const PASSES: usize = 8;
+/// Weights are computed this many times; after that they change by less than 1 %.
+const PASSES: usize = 4;
+/// Mean square deviation of a frame, over the median of all frames, from which on it counts less: three deviations of a noise
+/// that all channels share, as that of one current.
+const LARGE: f64 = 9.0;
 /// Robust standard deviation of a normal distribution over the median of its absolute values.
 const NORMAL_MEDIAN: f64 = 1.4826;
 
@@ -36,9 +39,9 @@ pub enum NoiseSource {
 /// beyond chance (empirical Bayes; Smyth, 2004, DOI 10.2202/1544-6115.1027, section 6.2): equal channels share one
 /// variance, different ones with many frames keep their own. At least it is a quarter of the group's median.
 ///
-/// A frame whose deviations are larger than those of most, because it is touched, counts as much less: its weight is the
-/// inverse of its mean square deviation over the median of all frames (a scale mixture of normal distributions; Lange,
-/// Little and Taylor, 1989, DOI 10.1080/01621459.1989.10478852).
+/// A frame whose mean square deviation is far larger than the median of all frames, because it is touched, has a weight that
+/// falls with its square (a redescending estimate of scale; Huber and Ronchetti, 2009, DOI 10.1002/9780470434697, section
+/// 5.2), from a start by medians.
 ///
 /// ```
 /// use dermis::estimate::noise::ChannelNoise;
@@ -58,6 +61,8 @@ pub struct ChannelNoise {
     source: NoiseSource,
     /// The channels that read no voltage at a driven electrode, and those that do.
     groups: [Vec<usize>; 2],
+    /// What touched frames change of the mean of all frames.
+    offset_ohm: Vec<f64>,
 }
 
 impl ChannelNoise {
@@ -77,8 +82,10 @@ impl ChannelNoise {
             frames: frames.len(),
             source: NoiseSource::Scatter,
             groups,
+            offset_ohm: Vec::new(),
         };
         let (mean, variance, freedom) = moments(&frames, &finite);
+        noise.offset_ohm = mean_of(&frames, &vec![1.0; frames.len()]).iter().zip(&mean).map(|(a, b)| a - b).collect();
         let pooled = noise.groups.clone().map(|group| noise.shrink(&group, &variance, freedom));
         match pooled {
             [None, None] => noise.without_scatter(&mean, protocol),
@@ -99,21 +106,23 @@ impl ChannelNoise {
         &self.sd_ohm
     }
 
-    /// The same of the mean of the frames.
+    /// The same of the mean of the frames, with what touched ones change of it.
     pub fn sd_of_mean_ohm(&self) -> Vec<f64> {
-        self.sd_ohm.iter().map(|sd| sd / (self.frames as f64).sqrt()).collect()
+        let of_mean = |(sd, offset): (&f64, &f64)| (sd / (self.frames as f64).sqrt()).hypot(*offset);
+        self.sd_ohm.iter().zip(&self.offset_ohm).map(of_mean).collect()
     }
 
     /// The same of the difference of one more frame from that mean; 0 for a channel with a value that is not finite.
     pub fn sd_of_difference_ohm(&self) -> Vec<f64> {
-        let factor = (1.0 + 1.0 / self.frames as f64).sqrt();
-        self.sd_ohm.iter().map(|sd| if sd.is_finite() { factor * sd } else { 0.0 }).collect()
+        let sd = |(sd, of_mean): (&f64, f64)| if sd.is_finite() { sd.hypot(of_mean) } else { 0.0 };
+        self.sd_ohm.iter().zip(self.sd_of_mean_ohm()).map(sd).collect()
     }
 
-    /// Root mean square of the deviations of the channels that read no voltage at a driven electrode, and of those that do,
-    /// ohm; `NaN` without such a channel.
+    /// The deviation of the median channel of those that read no voltage at a driven electrode, and of those that do, ohm;
+    /// `NaN` without such a channel.
     pub fn by_group_ohm(&self) -> [f64; 2] {
-        self.groups.each_ref().map(|group| rms(group.iter().map(|&channel| self.sd_ohm[channel])))
+        let of = |group: &Vec<usize>| group.iter().map(|&channel| self.sd_ohm[channel]).collect::<Vec<f64>>();
+        self.groups.each_ref().map(|group| upper_median(&of(group)).unwrap_or(f64::NAN))
     }
 
     /// What the noise rests on.
@@ -132,11 +141,10 @@ impl ChannelNoise {
             return None;
         }
         let (usual, weight) = prior(&scattered, freedom);
-        let own = |&channel: &usize| weight * usual + (1.0 - weight) * variance[channel];
-        let shrunk: Vec<f64> = group.iter().map(own).collect();
-        let median = upper_median(&shrunk)?;
-        for (&channel, variance) in group.iter().zip(&shrunk) {
-            self.sd_ohm[channel] = variance.max(FLOOR * FLOOR * median).sqrt();
+        let shrunk = |variance: f64| weight * usual + (1.0 - weight) * variance;
+        let median = shrunk(upper_median(&scattered)?);
+        for &channel in group {
+            self.sd_ohm[channel] = shrunk(variance[channel]).max(FLOOR * FLOOR * median).sqrt();
         }
         Some(median.sqrt())
     }
@@ -150,7 +158,8 @@ impl ChannelNoise {
         let fallback = own.or(other).unwrap_or_else(|| {
             self.source = NoiseSource::Assumed;
             let group = if self.groups[0].is_empty() { &self.groups[1] } else { &self.groups[0] };
-            ASSUMED * rms(group.iter().map(|&channel| mean[channel]))
+            // Not zero where all values are.
+            (ASSUMED * rms(group.iter().map(|&channel| mean[channel]))).max(f64::MIN_POSITIVE.sqrt())
         });
         self.set(0, own.unwrap_or(fallback));
         self.set(1, other.unwrap_or(fallback));
@@ -187,44 +196,66 @@ pub fn disagreement(reciprocal: &[Vec<(usize, f64)>], values: &[f64], channels: 
 fn moments(frames: &[&[f64]], finite: &[bool]) -> (Vec<f64>, Vec<f64>, f64) {
     let count = frames.len() as f64;
     let mut weights = vec![1.0; frames.len()];
-    let passes = if frames.len() < FEWEST_FOR_WEIGHTS { 1 } else { PASSES };
-    let (mut mean, mut variance) = (Vec::new(), Vec::new());
-    for pass in 0..passes {
-        if pass > 0 {
-            weights = self::weights(frames, finite, &mean, &variance);
+    if frames.len() >= FEWEST_FOR_WEIGHTS {
+        let (mut middle, mut variance) = medians(frames);
+        for _ in 0..PASSES {
+            weights = self::weights(frames, finite, &middle, &variance);
+            middle = mean_of(frames, &weights);
+            variance = variance_of(frames, &weights, &middle);
         }
-        let total: f64 = weights.iter().sum();
-        mean = weighted(frames, &weights, |_, value| value / total);
-        let unbiased = total * (count - 1.0) / count;
-        variance = weighted(frames, &weights, |channel, value| (value - mean[channel]).powi(2) / unbiased);
     }
-    if frames.len() < 2 {
-        variance.fill(0.0);
-    }
+    let mean = mean_of(frames, &weights);
+    let mut variance = variance_of(frames, &weights, &mean);
+    let unbiased = if frames.len() < 2 { 0.0 } else { count / (count - 1.0) };
+    variance.iter_mut().for_each(|variance| *variance *= unbiased);
     (mean, variance, (weights.iter().sum::<f64>() - 1.0).max(1.0))
+}
+
+/// The median of each channel, and its variance from the median of the absolute deviations.
+fn medians(frames: &[&[f64]]) -> (Vec<f64>, Vec<f64>) {
+    let of_channel = |channel: usize| {
+        let mut values: Vec<f64> = frames.iter().map(|frame| frame[channel]).collect();
+        let middle = upper_median(&values).unwrap_or_default();
+        values.iter_mut().for_each(|value| *value = (*value - middle).abs());
+        (middle, (NORMAL_MEDIAN * upper_median(&values).unwrap_or_default()).powi(2))
+    };
+    (0..frames[0].len()).map(of_channel).unzip()
+}
+
+/// The weighted mean of each channel: exact where its values are equal.
+fn mean_of(frames: &[&[f64]], weights: &[f64]) -> Vec<f64> {
+    let total: f64 = weights.iter().sum();
+    let first = frames[0];
+    let sums = weighted(frames, weights, |channel, value| (value - first[channel]) / total);
+    first.iter().zip(sums).map(|(first, sum)| first + sum).collect()
+}
+
+/// The weighted mean of the squares of the deviations from some values.
+fn variance_of(frames: &[&[f64]], weights: &[f64], from: &[f64]) -> Vec<f64> {
+    let total: f64 = weights.iter().sum();
+    weighted(frames, weights, |channel, value| (value - from[channel]).powi(2) / total)
 }
 
 /// The weighted sum of a function of each value.
 fn weighted(frames: &[&[f64]], weights: &[f64], of: impl Fn(usize, f64) -> f64) -> Vec<f64> {
     let mut sums = vec![0.0; frames[0].len()];
     for (frame, weight) in frames.iter().zip(weights) {
-        sums.iter_mut()
-            .zip(*frame)
-            .enumerate()
-            .for_each(|(channel, (sum, &value))| *sum += weight * of(channel, value));
+        let terms = sums.iter_mut().zip(*frame).enumerate();
+        terms.for_each(|(channel, (sum, &value))| *sum += weight * of(channel, value));
     }
     sums
 }
 
-/// 1 for a frame whose mean square deviation is at most the median of all frames, less for a larger one in proportion.
+/// 1 for a frame whose mean square deviation is not large against the median of all frames; for others the square of the
+/// limit over it.
 fn weights(frames: &[&[f64]], finite: &[bool], mean: &[f64], variance: &[f64]) -> Vec<f64> {
     let used: Vec<usize> = (0..mean.len()).filter(|&channel| finite[channel] && variance[channel] > 0.0).collect();
     let square = |frame: &&[f64]| {
         used.iter().map(|&channel| (frame[channel] - mean[channel]).powi(2) / variance[channel]).sum::<f64>()
     };
     let squares: Vec<f64> = frames.iter().map(square).collect();
-    let median = upper_median(&squares).unwrap_or(0.0);
-    squares.iter().map(|square| if *square > median { median / square } else { 1.0 }).collect()
+    let limit = LARGE * upper_median(&squares).unwrap_or(0.0);
+    squares.iter().map(|square| if *square > limit { (limit / square).powi(2) } else { 1.0 }).collect()
 }
 
 /// The usual variance of a group, and its weight beside a channel's own with some degrees of freedom.

@@ -39,7 +39,6 @@ mod variance;
 pub use absolute::{ModelDifferences, model_differences};
 
 use crate::design::SkinDesign;
-use crate::estimate::noise::ChannelNoise;
 use crate::estimate::scale::{Scale, least_squares};
 use crate::frame::Frame;
 use crate::mesh::Mesh;
@@ -189,7 +188,8 @@ pub struct Misfit {
     pub rms_ohm: f64,
     /// Root mean square of the mean frame minus the model's, ohm.
     pub misfit_ohm: f64,
-    /// Root mean square of the standard deviation of one frame ([`ChannelNoise`]), ohm.
+    /// Standard deviation of the median channel of one frame
+    /// ([`ChannelNoise`](crate::estimate::noise::ChannelNoise)), ohm.
     pub noise_ohm: f64,
     /// Standard deviation of a channel's model, ohm.
     pub model_sd_ohm: f64,
@@ -231,8 +231,7 @@ pub struct Fit {
 pub fn fit(design: &SkinDesign, mesh: &Mesh, frames: &[Frame], options: &FitOptions) -> crate::Result<Fit> {
     check(&design.protocol, frames, &options.left_out)?;
     let model = Model::new(design, mesh, options.contacts)?;
-    let noise = ChannelNoise::of(frames, &design.protocol).ok_or(FitError::NoFrame)?;
-    let data = Data::new(&design.protocol, frames, &noise, &options.left_out);
+    let data = Data::new(&design.protocol, frames, &options.left_out);
     if data.channels.len() < model.unknowns() {
         return Err(FitError::TooFewChannels { channels: data.channels.len(), unknowns: model.unknowns() }.into());
     }

@@ -25,8 +25,8 @@ pub(super) struct Data {
     /// The channels in use.
     pub channels: Vec<usize>,
     values: Vec<f64>,
-    /// Standard deviation of each channel of one frame.
-    frame_sd_ohm: Vec<f64>,
+    /// Standard deviation of one frame, of each group.
+    frame_noise_ohm: [f64; 2],
     /// Variance of the mean from the scatter of the frames.
     noise: Vec<f64>,
     /// The channels in use that read no voltage at a driven electrode, and those that do.
@@ -53,7 +53,9 @@ struct Search {
 }
 
 impl Data {
-    pub(super) fn new(protocol: &Protocol, frames: &[Frame], noise: &ChannelNoise, left_out: &[usize]) -> Self {
+    /// # Panics
+    /// Without a frame.
+    pub(super) fn new(protocol: &Protocol, frames: &[Frame], left_out: &[usize]) -> Self {
         let amplitudes = |frame: &Frame| {
             let mut frame = frame.clone();
             protocol.drop_signs(&mut frame);
@@ -64,14 +66,21 @@ impl Data {
         let used = |channel: &usize| !left_out.contains(channel);
         let channels: Vec<usize> = (0..values.len()).filter(used).collect();
         let groups = protocol.channels_by_drive().map(|group| group.into_iter().filter(used).collect::<Vec<usize>>());
-        let frame_sd_ohm = noise.sd_ohm().to_vec();
+        // Channels that are left out have no part in the noise of the others.
+        let masked = |frame: &Frame| -> Vec<f64> {
+            let value = |(channel, &value)| if left_out.contains(&channel) { f64::NAN } else { value };
+            frame.iter().enumerate().map(value).collect()
+        };
+        let masked: Vec<Vec<f64>> = frames.iter().map(masked).collect();
+        let noise = ChannelNoise::of(&masked, protocol).expect("a frame");
+        let frame_noise_ohm = noise.by_group_ohm();
         // Of frames without scatter, the variance of the model contains that of the noise.
         let noise = match noise.source() {
             NoiseSource::Scatter => noise.sd_of_mean_ohm().into_iter().map(|sd| sd * sd).collect(),
             NoiseSource::Reciprocity | NoiseSource::Assumed => vec![0.0; values.len()],
         };
         let least = [0, 1].map(|group: usize| least_variance(groups[group].iter().map(|&channel| values[channel])));
-        Data { channels, values, frame_sd_ohm, noise, groups, least }
+        Data { channels, values, frame_noise_ohm, noise, groups, least }
     }
 
     /// The mean of the frames minus a frame of the model; 0 in channels that are left out.
@@ -126,7 +135,7 @@ impl Data {
             channels: channels.len(),
             rms_ohm: of(&self.values),
             misfit_ohm: of(&estimate.residuals),
-            noise_ohm: rms(channels.iter().map(|&channel| self.frame_sd_ohm[channel])),
+            noise_ohm: self.frame_noise_ohm[group],
             model_sd_ohm: estimate.model_variances[group].sqrt(),
         })
     }

@@ -64,7 +64,7 @@ pub enum Shape {
 /// The chart of a body, in which distances along the surface are straight-line distances.
 ///
 /// A place in the chart is (arc from theta = 0, z) on the wall of a cylinder and (x, y) elsewhere, m. The wall is cut open
-/// at the seam: the arc of an unrolled point is from the seam on, less than one turn.
+/// at the seam: the arc of an unrolled point is from the seam on, up to one turn.
 ///
 /// ```
 /// use dermis::geom::{Chart, Surface};
@@ -184,7 +184,11 @@ impl<F: Elementary> Chart<F> {
     pub fn unroll_in_space(&self, point_m: Point3) -> Point3 {
         match self.shape {
             Shape::Wall { radius_m, .. } => {
-                let theta_rad = wrapped(F::atan2(point_m[1], point_m[0]), self.seam_rad, TAU);
+                let mut theta_rad = F::atan2(point_m[1], point_m[0]);
+                // A point on the seam keeps its side of it.
+                if !(self.seam_rad..=self.seam_rad + TAU).contains(&theta_rad) {
+                    theta_rad = wrapped(theta_rad, self.seam_rad, TAU);
+                }
                 [radius_m * theta_rad, point_m[2], 0.0]
             }
             _ => point_m,
@@ -193,8 +197,11 @@ impl<F: Elementary> Chart<F> {
 
     /// The place of a point next to a place, which may be beyond the seam: that of the shorter way around.
     pub fn unroll_beside(&self, place: Point2, point_m: Point3) -> Point2 {
-        let [x, y] = self.difference(place, self.unroll(point_m));
-        [place[0] + x, place[1] + y]
+        let [x, y] = self.unroll(point_m);
+        match self.period_m() {
+            Some(period_m) => [x + period_m * ((place[0] - x) / period_m).round(), y],
+            None => [x, y],
+        }
     }
 
     /// The point of the surface at a place.
@@ -298,7 +305,7 @@ mod tests {
             let [[low_m, _], [high_m, _]] = chart.bounds_m();
             let place = [low_m + turn * PERIOD_M, along_m];
             let back = chart.unroll(chart.roll(place));
-            prop_assert!((low_m..high_m).contains(&back[0]));
+            prop_assert!((low_m..=high_m).contains(&back[0]));
             let [across_m, up_m] = chart.difference(place, back);
             prop_assert!(across_m.abs() < ROUNDING_M && up_m == 0.0, "{place:?} {back:?}");
             let wrapped = chart.wrap([place[0] + PERIOD_M, along_m]);

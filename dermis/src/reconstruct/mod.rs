@@ -175,7 +175,7 @@ pub enum Quantity {
 pub const FEWEST_UNTOUCHED_FRAMES: usize = 8;
 
 /// Frames that are drawn where the untouched ones are fewer.
-const DRAWN_FRAMES: u64 = 32;
+const DRAWN_FRAMES: u64 = 8;
 
 /// The noise of a method's images of differences from the mean of untouched frames, from these or their differences from one
 /// frame, ohm: by the method's matrix from the [noise of the channels](ChannelNoise); without a matrix from the images of
