@@ -56,10 +56,10 @@ impl dyn Reconstruct + '_ {
         Ok(with_signals(&image.space.surface, contacts, &detected, unseen))
     }
 
-    /// The image of a difference and [its contacts](Self::find_contacts), in a frame without a touch detector.
+    /// The image of a difference and its contacts, as of `find_contacts`, in a frame without a touch detector.
     ///
     /// # Errors
-    /// As [`find_contacts`](Self::find_contacts).
+    /// As `find_contacts`.
     pub fn image_and_contacts(
         &self,
         difference: &[f64],
