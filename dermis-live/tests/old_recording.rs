@@ -1,4 +1,4 @@
-//! A recording of an earlier version of the program replays to the contacts that this version had found.
+//! A recording of an earlier version of the program replays to its contacts (`data/README.md`).
 
 mod synthetic;
 
@@ -27,7 +27,7 @@ fn is_near(a: &Value, b: &Value) -> bool {
 #[test]
 fn a_recording_of_an_earlier_version_replays_to_its_contacts() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/recordings");
-    let expected = std::fs::read_to_string(folder.join("disk12.contacts.jsonl")).expect("the contacts of then");
+    let expected = std::fs::read_to_string(folder.join("disk12.contacts.jsonl")).expect("its contacts");
     let mut replay = Replay::open(&folder.join("disk12.mcap")).expect("a recording");
     let (mut lines, mut contacts) = (expected.lines(), 0);
     while let Some(replayed) = replay.step().expect("frames that can be read") {

@@ -4,7 +4,7 @@ use super::cut::remaining;
 use super::data::Data;
 use super::fault::{Fault, Network};
 use dermis::design::SkinDesign;
-use dermis::estimate::least_squares::{Control, End, LeastSquares, Normal, Steps, minimise};
+use dermis::estimate::least_squares::{Control, End, Equations, LeastSquares, Normal, Steps, minimise};
 use dermis::forward::{ForwardModel, Solver};
 use dermis::frame::Frame;
 use dermis::geom::Surface;
@@ -342,25 +342,38 @@ impl Search<'_> {
     }
 }
 
-impl LeastSquares for Search<'_> {
+/// The equations of a step if the errors have `times` their standard deviations: `(times^2 + A'A) s = A' r - times^2 x`.
+struct Inflated<'a> {
+    linear: &'a Linear,
+    times: f64,
+    right: Vec<f64>,
+}
+
+impl Equations for Inflated<'_> {
+    fn step(&self, _: f64) -> Result<Vec<f64>, NotPositiveDefinite> {
+        if self.times == 1.0 {
+            return Ok(self.linear.factor.solve(&self.right));
+        }
+        let mut normal = self.linear.normal.clone();
+        (0..normal.rows).for_each(|i| *normal.at_mut(i, i) += self.times * self.times - 1.0);
+        Ok(Cholesky::new(&normal)?.solve(&self.right))
+    }
+}
+
+impl<'a> LeastSquares for Search<'a> {
     type Point = Point;
-    type Equations = Normal;
+    type Equations = Inflated<'a>;
     type Error = NotPositiveDefinite;
 
     fn cost(&self, point: &Point) -> f64 {
         dot(&point.residuals, &point.residuals) + dot(&point.x, &point.x)
     }
 
-    fn equations(&self, point: &Point) -> Result<Normal, NotPositiveDefinite> {
+    fn equations(&self, point: &Point) -> Result<Inflated<'a>, NotPositiveDefinite> {
         let times = (LEAST_ERROR * rms(point.residuals.iter().copied())).max(1.0);
-        let right = self.linear.transposed_product(&point.residuals);
-        let mut normal = Normal { matrix: self.linear.normal.clone(), right };
-        for (unknown, value) in point.x.iter().enumerate() {
-            // The normal matrix has a prior of one standard deviation.
-            normal.add_prior(unknown, times * times - 1.0, *value);
-            normal.right[unknown] -= value;
-        }
-        Ok(normal)
+        let mut right = self.linear.transposed_product(&point.residuals);
+        right.iter_mut().zip(&point.x).for_each(|(right, x)| *right -= times * times * x);
+        Ok(Inflated { linear: self.linear, times, right })
     }
 
     fn limit(&self, from: &Point, step: &mut [f64]) {

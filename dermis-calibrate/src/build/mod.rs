@@ -81,7 +81,8 @@ pub struct BuildCheck {
     pub misfit: f64,
     /// The same for the skin without faults.
     pub sound_misfit: f64,
-    /// Noise of one frame in the channels without and with a driven electrode ([`ChannelNoise`](dermis::estimate::noise::ChannelNoise)), ohm.
+    /// Noise of one frame in the channels without and with a driven electrode
+    /// ([`ChannelNoise`](dermis::estimate::noise::ChannelNoise)), ohm.
     pub noise_ohm: [f64; 2],
     /// Number of frames.
     pub frames: usize,

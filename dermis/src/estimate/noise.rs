@@ -2,7 +2,7 @@
 
 use crate::frame::twins;
 use crate::protocol::Protocol;
-use crate::stats::{rms, upper_median};
+use crate::stats::{bisect, rms, upper_median};
 use serde::Serialize;
 
 /// The floor: least standard deviation of a channel over that of the median channel of its group. A channel whose value is
@@ -66,15 +66,27 @@ pub struct ChannelNoise {
 }
 
 impl ChannelNoise {
-    /// The noise of untouched frames, or of their differences from one frame; `None` without a frame.
+    /// The noise of untouched frames, of several also by their differences from one frame; `None` without a frame.
     ///
     /// # Panics
     /// If a frame does not fit the protocol.
     pub fn of<F: AsRef<[f64]>>(untouched: &[F], protocol: &Protocol) -> Option<Self> {
+        ChannelNoise::of_used(untouched, protocol, |_| true)
+    }
+
+    /// The same of some channels: the others are as those with a value that is not finite, and have no part in the noise.
+    ///
+    /// # Panics
+    /// If a frame does not fit the protocol.
+    pub fn of_used<F: AsRef<[f64]>>(
+        untouched: &[F],
+        protocol: &Protocol,
+        is_used: impl Fn(usize) -> bool,
+    ) -> Option<Self> {
         let frames: Vec<&[f64]> = untouched.iter().map(AsRef::as_ref).collect();
         let first = frames.first()?;
         assert!(frames.iter().all(|frame| frame.len() == protocol.channel_count()), "frames of the protocol");
-        let is_finite = |channel: usize| frames.iter().all(|frame| frame[channel].is_finite());
+        let is_finite = |channel: usize| is_used(channel) && frames.iter().all(|frame| frame[channel].is_finite());
         let finite: Vec<bool> = (0..first.len()).map(is_finite).collect();
         let groups = protocol.channels_by_drive().map(|group| group.into_iter().filter(|&one| finite[one]).collect());
         let mut noise = ChannelNoise {
@@ -303,12 +315,8 @@ fn trigamma(x: f64) -> f64 {
 /// The argument at which trigamma has a value, by halving: it falls from infinity to 0.
 fn trigamma_inverse(value: f64) -> f64 {
     // trigamma(x) is between 1 / x and 1 / x + 1 / x^2.
-    let (mut low, mut high) = (1.0 / value, 1.0 / value + 1.0 / value.sqrt());
-    while high - low > 1e-9 * high {
-        let middle = 0.5 * (low + high);
-        if trigamma(middle) > value { low = middle } else { high = middle }
-    }
-    high
+    let [low, high] = [1.0 / value, 1.0 / value + 1.0 / value.sqrt()];
+    bisect([low, high], 64, |x| trigamma(x) <= value)
 }
 
 #[cfg(test)]

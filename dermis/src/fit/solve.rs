@@ -66,13 +66,7 @@ impl Data {
         let used = |channel: &usize| !left_out.contains(channel);
         let channels: Vec<usize> = (0..values.len()).filter(used).collect();
         let groups = protocol.channels_by_drive().map(|group| group.into_iter().filter(used).collect::<Vec<usize>>());
-        // Channels that are left out have no part in the noise of the others.
-        let masked = |frame: &Frame| -> Vec<f64> {
-            let value = |(channel, &value)| if left_out.contains(&channel) { f64::NAN } else { value };
-            frame.iter().enumerate().map(value).collect()
-        };
-        let masked: Vec<Vec<f64>> = frames.iter().map(masked).collect();
-        let noise = ChannelNoise::of(&masked, protocol).expect("a frame");
+        let noise = ChannelNoise::of_used(&frames, protocol, |channel| used(&channel)).expect("a frame");
         let frame_noise_ohm = noise.by_group_ohm();
         // Of frames without scatter, the variance of the model contains that of the noise.
         let noise = match noise.source() {
@@ -230,10 +224,12 @@ impl Search {
         let counts = [data.groups[0].len() as f64, data.groups[1].len() as f64];
         let mut point = Point::new(model, data, start.to_vec())?;
         let mut variances = data.model_variances(&point.residuals, counts);
+        let mut derivatives = Matrix::zeros(0, 0);
         for _ in 0..MOST_VARIANCES {
             let weights = data.weights(variances);
             point = minimise(&Weighted { search: self, model, data, weights: &weights }, point, &STEPS)?.point;
-            let information = self.information(&model.derivatives(&point.unknowns)?, data, &weights)?;
+            derivatives = model.derivatives(&point.unknowns)?;
+            let information = self.information(&derivatives, data, &weights)?;
             let freedom = [0, 1].map(|group: usize| information.freedom(group, data.groups[group].len()));
             let next = data.model_variances(&point.residuals, freedom);
             let settled = |group: usize| {
@@ -247,7 +243,7 @@ impl Search {
             }
         }
         let Point { unknowns, residuals } = point;
-        let information = self.information(&model.derivatives(&unknowns)?, data, &data.weights(variances))?;
+        let information = self.information(&derivatives, data, &data.weights(variances))?;
         let sd = information.sd(unknowns.len(), &self.free);
         Ok(Estimate { residuals, unknowns, sd, model_variances: variances })
     }

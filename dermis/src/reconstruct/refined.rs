@@ -105,13 +105,9 @@ impl Refined {
         let is_usable = |channel: usize| {
             is_used(channel) && !disconnected.iter().any(|&electrode| protocol.channels()[channel].uses(electrode))
         };
-        // Channels that are not used have no part in the noise of the others.
-        let masked = |frame: &Frame| -> Vec<f64> {
-            let value = |(channel, &value)| if is_usable(channel) { value } else { f64::NAN };
-            frame.iter().enumerate().map(value).collect()
+        let Some(noise) = ChannelNoise::of_used(untouched, protocol, is_usable) else {
+            return vec![0.0; protocol.channel_count()];
         };
-        let masked: Vec<Vec<f64>> = untouched.iter().map(masked).collect();
-        let Some(noise) = ChannelNoise::of(&masked, protocol) else { return vec![0.0; protocol.channel_count()] };
         let least = Some(DRIVEN_NOISE * noise.by_group_ohm()[0]).filter(|least| least.is_finite()).unwrap_or(0.0);
         let sd = |(channel, &sd): (usize, &f64)| match protocol.channels()[channel].touches_driven() {
             _ if !sd.is_finite() => 0.0,
