@@ -17,6 +17,9 @@ use std::time::{Duration, Instant};
 /// Enough for all events of a recording here.
 const WAITING: usize = 1 << 14;
 
+/// Of the emulated skin.
+const FRAMES_A_SECOND: f64 = 120.0;
+
 fn methods(name: &str) -> Arc<MethodSet> {
     Arc::new(MethodSet::new(&dermis_learn::methods(), Skin::load(name).unwrap(), None).unwrap())
 }
@@ -46,13 +49,16 @@ fn record(methods: &Arc<MethodSet>, path: &Path) {
     let taping = RecordingSink::start(live.shared(), path, None, RecordingLimits::default()).unwrap();
     await_frame(&mailbox, 700);
     await_adaptation(&adapted);
+    // On a slow machine more frames have come meanwhile.
+    let mailbox = live.shared().subscribe(WAITING);
+    let here = await_frame(&mailbox, 700);
     live.shared().command(Command::Threshold { value: 0.9 });
-    await_frame(&mailbox, 800);
+    await_frame(&mailbox, here + 100);
     // Two commands between the same two frames.
     live.shared().command(Command::Threshold { value: 0.95 });
     live.shared().command(Command::Zones { zones: Vec::new() });
     live.shared().command(Command::Method { name: "noser".into() });
-    await_frame(&mailbox, 1000);
+    await_frame(&mailbox, here + 300);
     assert!(taping.stop().problem.is_none());
     live.stop();
     emulator.stop();
@@ -82,13 +88,14 @@ fn await_adaptation(mailbox: &Mailbox<Event>) {
     panic!("the method was not adapted");
 }
 
-fn await_frame(mailbox: &Mailbox<Event>, sequence: u64) {
+/// The number of the first frame from one on.
+fn await_frame(mailbox: &Mailbox<Event>, sequence: u64) -> u64 {
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_secs(60) {
         if let Popped::Item(Event::Frame(frame)) = mailbox.take(Duration::from_secs(1))
             && frame.result.sequence >= sequence
         {
-            return;
+            return frame.result.sequence;
         }
     }
     panic!("frame {sequence} did not come");
@@ -128,6 +135,7 @@ fn a_recording_in_the_place_of_its_device_gives_the_contacts_of_its_replay() {
     let path = folder.path().join("press.mcap");
     record(&methods, &path);
 
+    let begun = Instant::now();
     let mut replay = Replay::open(&path).unwrap();
     let (mut frames, mut commands) = (Vec::new(), Vec::new());
     while let Some(replayed) = replay.step().unwrap() {
@@ -139,14 +147,21 @@ fn a_recording_in_the_place_of_its_device_gives_the_contacts_of_its_replay() {
     assert!(frames.iter().filter(|(_, contacts)| !contacts.is_empty()).count() > 200, "it was pressed");
     assert!(commands.contains(&Command::Threshold { value: 0.9 }), "{commands:?}");
 
+    let computed_s = begun.elapsed().as_secs_f64();
+    let (first, last) = (frames.first().expect("frames").0, frames.last().expect("frames").0);
+    let recorded_s = (last - first) as f64 / FRAMES_A_SECOND;
+
     let begun = Instant::now();
     let at_four_times = played(&methods, &path, 4.0);
     let seconds = begun.elapsed().as_secs_f64();
-    assert!((1.5..4.0).contains(&seconds), "some seven seconds took {seconds} s at four times their pace");
+    let is_paced = (0.2 * recorded_s..0.3 * recorded_s + 0.5 + computed_s).contains(&seconds);
+    assert!(is_paced, "{recorded_s} s, computed in {computed_s} s, took {seconds} s at four times their pace");
     assert_eq!(at_four_times.1, commands);
-    assert!(at_four_times.0 == frames, "the same contacts in every frame");
+    // As texts: a force that is not known is not equal to itself.
+    let text = |frames: &[(u64, Vec<TrackedContact>)]| format!("{frames:?}");
+    assert!(text(&at_four_times.0) == text(&frames), "the same contacts in every frame");
     // Faster than the pipeline: no frame is dropped either.
-    assert!(played(&methods, &path, 1e6).0 == frames);
+    assert!(text(&played(&methods, &path, 1e6).0) == text(&frames));
 
     let other = self::methods("skin16");
     let error = Player::open(&path, &other, 1.0).expect_err("another skin").to_string();
