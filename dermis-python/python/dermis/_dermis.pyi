@@ -27,6 +27,7 @@ __all__ = [
     "Twin",
     "__version__",
     "command_options",
+    "contact_columns",
     "finish_dataset",
     "run_command",
     "run_program",
