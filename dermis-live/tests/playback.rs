@@ -144,18 +144,21 @@ fn a_recording_in_the_place_of_its_device_gives_the_contacts_of_its_replay() {
             Replayed::Command(command) => commands.push(command),
         }
     }
+    let computed_s = begun.elapsed().as_secs_f64();
     assert!(frames.iter().filter(|(_, contacts)| !contacts.is_empty()).count() > 200, "it was pressed");
     assert!(commands.contains(&Command::Threshold { value: 0.9 }), "{commands:?}");
 
-    let computed_s = begun.elapsed().as_secs_f64();
     let (first, last) = (frames.first().expect("frames").0, frames.last().expect("frames").0);
     let recorded_s = (last - first) as f64 / FRAMES_A_SECOND;
 
     let begun = Instant::now();
     let at_four_times = played(&methods, &path, 4.0);
     let seconds = begun.elapsed().as_secs_f64();
-    let is_paced = (0.2 * recorded_s..0.3 * recorded_s + 0.5 + computed_s).contains(&seconds);
+    // On a slow machine the pipeline takes longer than the frames.
+    let longest = (0.6 * recorded_s).max(0.25 * recorded_s + computed_s);
+    let is_paced = (0.225 * recorded_s..longest).contains(&seconds);
     assert!(is_paced, "{recorded_s} s, computed in {computed_s} s, took {seconds} s at four times their pace");
+    println!("{recorded_s:.2} s, computed in {computed_s:.2} s, took {seconds:.2} s");
     assert_eq!(at_four_times.1, commands);
     // As texts: a force that is not known is not equal to itself.
     let text = |frames: &[(u64, Vec<TrackedContact>)]| format!("{frames:?}");
