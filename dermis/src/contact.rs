@@ -30,10 +30,23 @@ pub struct Contact {
     #[serde(deserialize_with = "number_or_null")]
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub strength: f64,
-    /// Area where the image exceeds half of the contact's peak, m2.
+    /// Area where the image, or the density of a fitted touch, exceeds half of the contact's peak, m2.
     #[serde(deserialize_with = "number_or_null")]
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub area_m2: f64,
+    /// Unit vector along the contact, in the tangent plane at the position; the opposite one is as good. Unknown unless its
+    /// form was fitted.
+    #[serde(default = "unknown_vector", deserialize_with = "vector_or_null")]
+    #[cfg_attr(feature = "schema", schemars(with = "[Option<f64>; 3]"))]
+    pub direction: Point3,
+    /// Half its length along the direction, where its density exceeds half of its peak, m.
+    #[serde(default = "unknown", deserialize_with = "number_or_null")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
+    pub half_length_m: f64,
+    /// Half its width across the direction, at most the half length, m.
+    #[serde(default = "unknown", deserialize_with = "number_or_null")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
+    pub half_width_m: f64,
     /// Normal force on the skin, positive when pressing, N; only if the skin or the method is calibrated.
     #[serde(deserialize_with = "number_or_null")]
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
@@ -146,7 +159,7 @@ impl ConductanceChange {
 
 impl Contact {
     /// Its fields, in the order of tables.
-    pub const FIELDS: [Field<Self>; 10] = [
+    pub const FIELDS: [Field<Self>; 13] = [
         Field::new("id", &["id"], &["id"], Count, |contact| [contact.id as f64; 3]),
         Field::new("position_m", &["x_m", "y_m", "z_m"], &["x", "y", "z"], Number, |contact| contact.position_m),
         Field::new("normal", &["normal_x", "normal_y", "normal_z"], &["nx", "ny", "nz"], Number, |contact| {
@@ -156,6 +169,15 @@ impl Contact {
         Field::new("force_sd_n", &["force_sd_n"], &["force_sd"], Number, |contact| [contact.force_sd_n; 3]),
         Field::new("strength", &["strength"], &["strength"], Number, |contact| [contact.strength; 3]),
         Field::new("area_m2", &["area_m2"], &["area"], Number, |contact| [contact.area_m2; 3]),
+        Field::new(
+            "direction",
+            &["direction_x", "direction_y", "direction_z"],
+            &["direction_x", "direction_y", "direction_z"],
+            Number,
+            |contact| contact.direction,
+        ),
+        Field::new("half_length_m", &["half_length_m"], &["half_length"], Number, |contact| [contact.half_length_m; 3]),
+        Field::new("half_width_m", &["half_width_m"], &["half_width"], Number, |contact| [contact.half_width_m; 3]),
         Field::new("sd_m", &["sd_m"], &["sd"], Number, |contact| [contact.sd_m; 3]),
         Field::new("confidence", &["confidence"], &["confidence"], Number, |contact| [contact.confidence; 3]),
         Field::new("conductance", &["conductance"], &["conductance"], Change, |contact| {
@@ -171,6 +193,9 @@ impl Contact {
             normal,
             strength: f64::NAN,
             area_m2: f64::NAN,
+            direction: [f64::NAN; 3],
+            half_length_m: f64::NAN,
+            half_width_m: f64::NAN,
             force_n,
             force_sd_n: f64::NAN,
             sd_m: f64::NAN,
@@ -182,6 +207,14 @@ impl Contact {
 
 fn unknown() -> f64 {
     f64::NAN
+}
+
+fn unknown_vector() -> Point3 {
+    [f64::NAN; 3]
+}
+
+fn vector_or_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Point3, D::Error> {
+    Ok(<[Option<f64>; 3]>::deserialize(deserializer)?.map(|part| part.unwrap_or(f64::NAN)))
 }
 
 /// JSON has no `NaN`: it is written and read as `null`.

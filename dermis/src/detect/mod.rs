@@ -265,15 +265,13 @@ impl Detector {
         let [force_n, force_sd_n] = forces.map_or([f64::NAN; 2], |forces| forces.of(own.strength));
         let contact = Contact {
             id: index as u64,
-            position_m: own.place.0,
-            normal: own.place.1,
             strength: own.strength,
             area_m2: own.area_m2,
-            force_n,
             force_sd_n,
             sd_m,
             confidence: confidence(own.height, own.peak_sd, highest, sd_m, image.space.len()),
             conductance: own.conductance,
+            ..Contact::truth(own.place.0, own.place.1, force_n)
         };
         (contact, circumstances)
     }

@@ -302,7 +302,7 @@ impl Methods {
     /// A source whose names cannot be read.
     pub fn names(&self, skin: &Skin) -> Result<Vec<String>, MethodError> {
         let mut names = self.own_names(skin)?;
-        if Refiner::check(&skin.design().body, skin.forward()).is_ok() {
+        if Refiner::check(skin.forward()).is_ok() {
             let is_linear = Self::LINEAR.contains(&names[0].as_str());
             names.insert(if is_linear { names.len() } else { 0 }, Self::REFINED.into());
         }

@@ -61,7 +61,7 @@ impl Refined {
         excluded: Vec<usize>,
         options: RefineOptions,
     ) -> crate::Result<Self> {
-        Refiner::check(&design.body, model)?;
+        Refiner::check(model)?;
         let (design, model, identifier) = (Arc::new(design.clone()), model.clone(), Arc::default());
         Ok(Refined { method, design, model, identifier, excluded, options, refinement: Refinement::NotAdapted })
     }

@@ -1,0 +1,417 @@
+//! The response of a frame to touches of any place and form.
+
+use super::form::{Density, Form};
+use super::places::{Place, Space};
+use super::{RefineError, RefineOptions};
+use crate::design::Body;
+use crate::estimate::drift::{DriftSpread, directions};
+use crate::estimate::whitening::Whitening;
+use crate::fem::Gradients;
+use crate::forward::ForwardModel;
+use crate::frame::quantities;
+use crate::geom::vector::{dot, sub};
+use crate::geom::{Point2, Point3};
+use crate::linalg::Matrix;
+use crate::mesh::Mesh;
+use faer::{Mat, MatRef, Side};
+use pulp::{Simd, WithSimd};
+use rayon::prelude::*;
+use std::collections::HashSet;
+
+/// Least width of a touch over the edge length of the cells: a density is sampled at the centres of the cells.
+const LEAST_WIDTH: f64 = 0.6;
+/// An amplitude whose value in the model is below this part of their root mean square has no known sign.
+const SIGN_IS_KNOWN: f64 = 0.05;
+/// Directions of the values in which touches change a frame by less than this part of the largest are left out.
+const LEAST_PART: f64 = 1e-4;
+/// One of this many cells is used to find them.
+const BASIS_STRIDE: usize = 8;
+/// Values that are summed together, in registers.
+const BLOCK: usize = 32;
+/// Distance of the places at which a touch is looked for over the usual width: a fit finds one from there.
+const SEARCH_STEP: f64 = 1.8;
+
+/// Columns of a response: three of the tensor, and those of the place, the width and the segment.
+pub(super) const COLUMNS: usize = 8;
+
+/// The change of the values by a touch of unit strength and its derivatives.
+#[derive(Debug, Clone)]
+pub(super) struct Response {
+    /// By column, the values: for the even tensor and the two uneven ones, then the derivatives of the touch with its own
+    /// tensor by the centre (two, per m), the logarithm of the width, the vector of the segment (two, per m).
+    pub columns: [Vec<f64>; COLUMNS],
+    /// The covariance of the centre, m2, by independent changes of the conductance of unit area: of the first axis, of both,
+    /// of the second.
+    pub grain_m2: [f64; 3],
+}
+
+/// The responses of one skin with one noise.
+#[derive(Debug, Clone)]
+pub(super) struct Responses {
+    space: Space,
+    usual_m: f64,
+    area_m2: f64,
+    /// Sorted along the axis of the largest extent.
+    cells: Vec<Cell>,
+    axis: usize,
+    /// By cell, the values of the three tensors.
+    table: Vec<f32>,
+    count: usize,
+    /// From whitened values to those of the table.
+    basis: Matrix,
+    /// The channels of each value, with their weights.
+    values: Vec<Vec<(usize, f64)>>,
+    /// Standard deviation of each value, ohm.
+    sd_ohm: Vec<f64>,
+    whitening: Whitening,
+    channel_count: usize,
+    searched: Vec<Place>,
+    /// By place, the unit vector of the response of a round, even touch.
+    search_table: Vec<f32>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Cell {
+    place: Place,
+    area_m2: f64,
+}
+
+/// The part of a touch on one cell.
+struct Part {
+    cell: usize,
+    /// The density and its derivatives, times nothing: the table has the area of the cells.
+    weights: [f32; 6],
+    /// Cosine and sine of twice the angle from the axes of the touch to those of the cell.
+    double: [f32; 2],
+}
+
+impl Responses {
+    pub(super) fn new(
+        body: &Body,
+        model: &ForwardModel,
+        noise_ohm: &[f64],
+        options: &RefineOptions,
+    ) -> Result<Self, RefineError> {
+        let signs = signs(model)?;
+        let (values, sd_ohm) = values(model, noise_ohm, &signs);
+        if values.is_empty() {
+            return Err(RefineError::NoChannel);
+        }
+        let mesh = model.mesh();
+        let space = Space::new(body, mesh);
+        let (axis, order) = order(mesh);
+        let cell = |cell: usize| Cell { place: space.place(mesh.cell_centre(cell)), area_m2: mesh.cell_measure(cell) };
+        let cells: Vec<Cell> = order.iter().map(|&index| cell(index)).collect();
+        let area_m2: f64 = cells.iter().map(|cell| cell.area_m2).sum();
+        let edge_m = (4.0 / 3f64.sqrt() * area_m2 / cells.len() as f64).sqrt();
+        let mut responses = Responses {
+            space,
+            usual_m: options.width_m.max(LEAST_WIDTH * edge_m),
+            area_m2,
+            cells,
+            axis,
+            table: Vec::new(),
+            count: 0,
+            basis: Matrix::zeros(0, values.len()),
+            values,
+            sd_ohm,
+            whitening: Whitening::default(),
+            channel_count: noise_ohm.len(),
+            searched: Vec::new(),
+            search_table: Vec::new(),
+        };
+        let spread =
+            DriftSpread { sheet: options.coating_drift, contact: options.contact_drift, ..DriftSpread::default() };
+        let drifts = directions(model, &spread)?;
+        responses.whitening = Whitening::new((0..drifts.rows).map(|row| responses.over_noise(drifts.row(row))));
+        responses.fill(model, &order)?;
+        responses.prepare_search();
+        Ok(responses)
+    }
+
+    /// Computes the table: the whitened change of the values by each tensor on each cell, in a basis of what touches change.
+    fn fill(&mut self, model: &ForwardModel, order: &[usize]) -> Result<(), RefineError> {
+        let potentials = model.potentials(model.rest_conductivity())?;
+        let of_cell = |index: usize| self.cell_changes(model, &potentials, order[index], &self.cells[index].place);
+        let sample: Vec<Vec<f64>> = (0..order.len()).into_par_iter().step_by(BASIS_STRIDE).flat_map_iter(of_cell).collect();
+        let basis = basis(&sample);
+        let count = basis.rows.next_multiple_of(BLOCK);
+        let mut table = vec![0.0f32; order.len() * 3 * count];
+        let project = |(index, rows): (usize, &mut [f32])| {
+            let mut projected = vec![0.0; basis.rows];
+            for (row, change) in rows.chunks_exact_mut(count).zip(of_cell(index)) {
+                basis.product_into(&change, &mut projected);
+                row.iter_mut().zip(&projected).for_each(|(out, value)| *out = *value as f32);
+            }
+        };
+        table.par_chunks_exact_mut(3 * count).enumerate().for_each(project);
+        (self.table, self.basis, self.count) = (table, basis, count);
+        Ok(())
+    }
+
+    /// The whitened changes of the values by a relative change of the conductance of a cell, over its area: even, along the
+    /// first axis less along the second, and along both. With the fields `u` of a drive and `m` of a measured pair the
+    /// voltage changes by `-sigma (S grad u) . grad m` times the area (Geselowitz, 1971, DOI 10.1109/TBME.1971.4502787).
+    fn cell_changes(&self, model: &ForwardModel, potentials: &Matrix, cell: usize, place: &Place) -> [Vec<f64>; 3] {
+        let gradients = Gradients::new(model.mesh(), cell);
+        let corners = model.mesh().cells.corners(cell);
+        let mut fields = vec![[0.0; 2]; potentials.columns];
+        for (&node, &gradient) in corners.iter().zip(&gradients.of_corner) {
+            let parts = [dot(gradient, place.axes[0]), dot(gradient, place.axes[1])];
+            for (field, potential) in fields.iter_mut().zip(potentials.row(node)) {
+                field[0] += parts[0] * potential;
+                field[1] += parts[1] * potential;
+            }
+        }
+        let factor = -model.rest_conductivity()[cell] * gradients.measure;
+        let channels = model.protocol().channels();
+        let mut changes = [const { Vec::new() }; 3];
+        changes.iter_mut().for_each(|change| change.reserve(self.values.len()));
+        for (value, sd) in self.values.iter().zip(&self.sd_ohm) {
+            let mut sums = [0.0; 3];
+            for &(channel, weight) in value {
+                let [u, m] = [channels[channel].drive, channels[channel].measure]
+                    .map(|[from, to]| [fields[from][0] - fields[to][0], fields[from][1] - fields[to][1]]);
+                let scale = weight * factor / sd;
+                sums[0] += scale * (u[0] * m[0] + u[1] * m[1]);
+                sums[1] += scale * (u[0] * m[0] - u[1] * m[1]);
+                sums[2] += scale * (u[0] * m[1] + u[1] * m[0]);
+            }
+            changes.iter_mut().zip(sums).for_each(|(change, sum)| change.push(sum));
+        }
+        changes.iter_mut().for_each(|change| self.whitening.apply(change));
+        changes
+    }
+
+    /// One place in each cube of the search step, with its response.
+    fn prepare_search(&mut self) {
+        let step_m = SEARCH_STEP * self.usual_m;
+        let mut taken = HashSet::new();
+        let is_first = |cell: &&Cell| taken.insert(cell.place.point_m.map(|part| (part / step_m).floor() as i64));
+        let places: Vec<Place> = self.cells.iter().filter(is_first).map(|cell| cell.place).collect();
+        let responses = places.par_iter().map(|place| {
+            let [value, ..] = self.response(place, &Form::default(), [0.0; 2]).columns;
+            let norm = crate::linalg::dot(&value, &value).sqrt().max(f64::MIN_POSITIVE);
+            value.into_iter().map(|value| (value / norm) as f32).collect::<Vec<f32>>()
+        });
+        self.search_table = responses.collect::<Vec<_>>().concat();
+        self.searched = places;
+    }
+
+    /// The place at which a round touch explains values best, among those searched, with the decrease of the sum of squares;
+    /// `None` if none does.
+    pub(super) fn likeliest(&self, values: &[f64]) -> Option<(Place, f64)> {
+        let values: Vec<f32> = values.iter().map(|&value| value as f32).collect();
+        let mut best = (0.0, None);
+        pulp::Arch::new().dispatch(Search { responses: self, values: &values, best: &mut best });
+        Some((self.searched[best.1?], f64::from(best.0).powi(2)))
+    }
+
+    /// The values of a difference in the table's basis: noise and drift have unit covariance.
+    ///
+    /// # Panics
+    /// If the difference has another length than the protocol.
+    pub(super) fn whitened(&self, difference: &[f64]) -> Vec<f64> {
+        assert_eq!(difference.len(), self.channel_count, "a value per channel");
+        let mut values = self.over_noise(difference);
+        self.whitening.apply(&mut values);
+        let mut projected = vec![0.0; self.count];
+        self.basis.product_into(&values, &mut projected[..self.basis.rows]);
+        projected
+    }
+
+    /// The values of a difference over their noise.
+    fn over_noise(&self, difference: &[f64]) -> Vec<f64> {
+        let value = |(value, sd): (&Vec<(usize, f64)>, &f64)| {
+            value.iter().map(|&(channel, weight)| weight * difference[channel]).sum::<f64>() / sd
+        };
+        self.values.iter().zip(&self.sd_ohm).map(value).collect()
+    }
+
+    /// The change of a frame by a round, even touch of a strength, ohm.
+    pub(super) fn change(&self, place: &Place, strength_m2: f64) -> Vec<f64> {
+        let [value, ..] = self.response(place, &Form::default(), [0.0; 2]).columns;
+        let mut whitened = self.basis.transposed().times(&Matrix { rows: self.basis.rows, columns: 1, values: value[..self.basis.rows].to_vec() }).values;
+        self.whitening.undo(&mut whitened);
+        let mut change = vec![0.0; self.channel_count];
+        for ((value, sd), response) in self.values.iter().zip(&self.sd_ohm).zip(&whitened) {
+            for &(channel, weight) in value {
+                change[channel] = strength_m2 * response * sd * weight.signum();
+            }
+        }
+        change
+    }
+
+    pub(super) fn space(&self) -> &Space {
+        &self.space
+    }
+
+    /// Standard deviation of a usual touch's change of conductance along the surface, m: that of the options, or more on a
+    /// coarse mesh.
+    pub(super) fn usual_m(&self) -> f64 {
+        self.usual_m
+    }
+
+    /// Area of the body, m2.
+    pub(super) fn area_m2(&self) -> f64 {
+        self.area_m2
+    }
+
+    /// The number of values of a frame, of which the table's are combinations.
+    pub(super) fn value_count(&self) -> usize {
+        self.values.len()
+    }
+
+    /// The response of a touch; its tensor is 1 plus the uneven parts.
+    pub(super) fn response(&self, place: &Place, form: &Form, uneven: Point2) -> Response {
+        let density = Density::new(form, self.usual_m);
+        let reach_m = density.reach_m();
+        let key = |cell: &Cell| cell.place.point_m[self.axis];
+        let first = self.cells.partition_point(|cell| key(cell) < place.point_m[self.axis] - reach_m);
+        let last = self.cells.partition_point(|cell| key(cell) <= place.point_m[self.axis] + reach_m);
+        let (mut parts, mut grain_m2) = (Vec::new(), [0.0; 3]);
+        for (index, cell) in self.cells[first..last].iter().enumerate() {
+            let straight = sub(cell.place.point_m, place.point_m);
+            if dot(straight, straight) > reach_m * reach_m || dot(cell.place.axes[2], place.axes[2]) <= 0.0 {
+                continue;
+            }
+            let offset = self.space.step(place, cell.place.point_m);
+            if !density.reaches(offset) {
+                continue;
+            }
+            let weights = density.at(offset);
+            let square = weights[0] * weights[0] * cell.area_m2;
+            grain_m2[0] += square * offset[0] * offset[0];
+            grain_m2[1] += square * offset[0] * offset[1];
+            grain_m2[2] += square * offset[1] * offset[1];
+            let [c, s] = place.turn_from(&cell.place);
+            parts.push(Part {
+                cell: first + index,
+                weights: weights.map(|weight| weight as f32),
+                double: [c * c - s * s, 2.0 * s * c].map(|part| part as f32),
+            });
+        }
+        let mut columns = [const { Vec::new() }; COLUMNS];
+        columns.iter_mut().for_each(|column| column.resize(self.count, 0.0));
+        let uneven = uneven.map(|part| part as f32);
+        pulp::Arch::new().dispatch(Sum { responses: self, parts: &parts, uneven, columns: &mut columns });
+        Response { columns, grain_m2 }
+    }
+}
+
+/// The sign of each channel's value: 1 for an instrument that records it, 0 where it is not known.
+fn signs(model: &ForwardModel) -> Result<Vec<f64>, RefineError> {
+    if !model.protocol().amplitude_only() {
+        return Ok(vec![1.0; model.protocol().channel_count()]);
+    }
+    let rest = model.solve(model.rest_conductivity())?;
+    let least = SIGN_IS_KNOWN * crate::stats::rms(rest.iter().copied());
+    Ok(rest.iter().map(|value| if value.abs() > least { value.signum() } else { 0.0 }).collect())
+}
+
+/// The values of a frame that are fitted: each the mean of the usable channels of a quantity, with its standard
+/// deviation.
+fn values(model: &ForwardModel, noise_ohm: &[f64], signs: &[f64]) -> (Vec<Vec<(usize, f64)>>, Vec<f64>) {
+    let is_usable = |channel: usize| noise_ohm[channel].is_finite() && noise_ohm[channel] > 0.0 && signs[channel] != 0.0;
+    let mut all = (Vec::new(), Vec::new());
+    for group in quantities(model.protocol()) {
+        let channels: Vec<(usize, f64)> = group.into_iter().filter(|&(channel, _)| is_usable(channel)).collect();
+        if channels.is_empty() {
+            continue;
+        }
+        let count = channels.len() as f64;
+        let variance = channels.iter().map(|&(channel, _)| noise_ohm[channel].powi(2)).sum::<f64>();
+        all.0.push(channels.into_iter().map(|(channel, sign)| (channel, sign * signs[channel] / count)).collect());
+        all.1.push(variance.sqrt() / count);
+    }
+    all
+}
+
+/// The axis along which a mesh is longest, and its cells in order along it.
+fn order(mesh: &Mesh) -> (usize, Vec<usize>) {
+    let centres: Vec<Point3> = (0..mesh.cell_count()).map(|cell| mesh.cell_centre(cell)).collect();
+    let [low, high] = crate::geom::vector::bounding_box(centres.iter().copied());
+    let axis = (0..3).max_by(|a, b| (high[*a] - low[*a]).total_cmp(&(high[*b] - low[*b]))).unwrap_or(0);
+    let mut order: Vec<usize> = (0..centres.len()).collect();
+    order.sort_by(|a, b| centres[*a][axis].total_cmp(&centres[*b][axis]));
+    (axis, order)
+}
+
+/// Orthonormal directions, as rows, that contain nearly all of some changes.
+fn basis(changes: &[Vec<f64>]) -> Matrix {
+    let width = changes[0].len();
+    let all = changes.concat();
+    let changes = MatRef::from_row_major_slice(&all, changes.len(), width);
+    let gram: Mat<f64> = changes.transpose() * changes;
+    let eigen = gram.self_adjoint_eigen(Side::Lower).expect("a symmetric matrix of finite values");
+    let (values, vectors) = (eigen.S().column_vector(), eigen.U());
+    let least = LEAST_PART * LEAST_PART * values[width - 1];
+    let kept: Vec<usize> = (0..width).rev().filter(|&k| values[k] > least).collect();
+    let rows = kept.iter().flat_map(|&k| (0..width).map(move |i| vectors[(i, k)]));
+    Matrix { rows: kept.len(), columns: width, values: rows.collect() }
+}
+
+/// The columns of a response, summed over its parts.
+struct Sum<'a> {
+    responses: &'a Responses,
+    parts: &'a [Part],
+    uneven: [f32; 2],
+    columns: &'a mut [Vec<f64>; COLUMNS],
+}
+
+impl WithSimd for Sum<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let count = self.responses.count;
+        let [a, b] = self.uneven;
+        for from in (0..count).step_by(BLOCK) {
+            let mut sums = [[0.0f32; BLOCK]; COLUMNS];
+            for Part { cell, weights, double: [c, s] } in self.parts {
+                let rows = &self.responses.table[cell * 3 * count..][..3 * count];
+                let row = |k: usize| -> &[f32; BLOCK] { rows[k * count + from..][..BLOCK].try_into().expect("a block") };
+                let (even, first, second) = (row(0), row(1), row(2));
+                for lane in 0..BLOCK {
+                    let own = [even[lane], c * first[lane] + s * second[lane], c * second[lane] - s * first[lane]];
+                    let all = own[0] + a * own[1] + b * own[2];
+                    sums[0][lane] += weights[0] * own[0];
+                    sums[1][lane] += weights[0] * own[1];
+                    sums[2][lane] += weights[0] * own[2];
+                    for k in 1..6 {
+                        sums[k + 2][lane] += weights[k] * all;
+                    }
+                }
+            }
+            for (column, sums) in self.columns.iter_mut().zip(&sums) {
+                column[from..][..BLOCK].iter_mut().zip(sums).for_each(|(out, sum)| *out = f64::from(*sum));
+            }
+        }
+    }
+}
+
+/// The place, of those searched, where values are most like the response of a touch.
+struct Search<'a> {
+    responses: &'a Responses,
+    values: &'a [f32],
+    best: &'a mut (f32, Option<usize>),
+}
+
+impl WithSimd for Search<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let values = self.values.as_chunks::<16>().0;
+        for (place, response) in self.responses.search_table.chunks_exact(self.values.len()).enumerate() {
+            let mut sums = [0.0f32; 16];
+            for (a, b) in response.as_chunks::<16>().0.iter().zip(values) {
+                (0..16).for_each(|lane| sums[lane] += a[lane] * b[lane]);
+            }
+            let explained = sums.iter().sum::<f32>();
+            if explained > self.best.0 {
+                *self.best = (explained, Some(place));
+            }
+        }
+    }
+}
