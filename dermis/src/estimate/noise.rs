@@ -2,7 +2,7 @@
 
 use crate::frame::twins;
 use crate::protocol::Protocol;
-use crate::stats::{bisect, rms, upper_median};
+use crate::stats::{bisect, rms, sorted, upper_median};
 use serde::Serialize;
 
 /// The floor: least standard deviation of a channel over that of the median channel of its group. A channel whose value is
@@ -37,7 +37,9 @@ pub enum NoiseSource {
 /// The variance of a channel over few frames is uncertain, so it is shrunk towards those of its group: the channels that
 /// read no voltage at a driven electrode, or those that do. How far follows from how much the variances of the group differ
 /// beyond chance (empirical Bayes; Smyth, 2004, DOI 10.2202/1544-6115.1027, section 6.2): equal channels share one
-/// variance, different ones with many frames keep their own. At least it is a quarter of the group's median.
+/// variance, different ones with many frames keep their own. At least it is a quarter of the group's median, and that of a
+/// uniform error within the step of the converter, which is the largest gap between the values of the median channel: noise
+/// smaller than the step hides it.
 ///
 /// A frame whose mean square deviation is far larger than the median of all frames, because it is touched, has a weight that
 /// falls with its square (a redescending estimate of scale; Huber and Ronchetti, 2009, DOI 10.1002/9780470434697, section
@@ -96,9 +98,11 @@ impl ChannelNoise {
             groups,
             offset_ohm: Vec::new(),
         };
-        let (mean, variance, freedom) = moments(&frames, &finite);
+        let Moments { mean, variance, weights } = moments(&frames, &finite);
+        let freedom = (weights.iter().sum::<f64>() - 1.0).max(1.0);
+        let usual: Vec<&[f64]> = frames.iter().zip(&weights).filter(|(_, weight)| **weight >= 1.0).map(|(one, _)| *one).collect();
         noise.offset_ohm = mean_of(&frames, &vec![1.0; frames.len()]).iter().zip(&mean).map(|(a, b)| a - b).collect();
-        let pooled = noise.groups.clone().map(|group| noise.shrink(&group, &variance, freedom));
+        let pooled = noise.groups.clone().map(|group| noise.shrink(&group, &variance, freedom, step_ohm(&usual, &group)));
         match pooled {
             [None, None] => noise.without_scatter(&mean, protocol),
             // A group without scatter has that of the other.
@@ -147,7 +151,7 @@ impl ChannelNoise {
     }
 
     /// Sets the deviations of a group from its variances, and returns the median; `None` without scatter.
-    fn shrink(&mut self, group: &[usize], variance: &[f64], freedom: f64) -> Option<f64> {
+    fn shrink(&mut self, group: &[usize], variance: &[f64], freedom: f64, step_ohm: f64) -> Option<f64> {
         let scattered: Vec<f64> = group.iter().map(|&channel| variance[channel]).filter(|one| *one > 0.0).collect();
         if scattered.is_empty() {
             return None;
@@ -155,8 +159,9 @@ impl ChannelNoise {
         let (usual, weight) = prior(&scattered, freedom);
         let shrunk = |variance: f64| weight * usual + (1.0 - weight) * variance;
         let median = shrunk(upper_median(&scattered)?);
+        let least = (FLOOR * FLOOR * median).max(step_ohm * step_ohm / 12.0);
         for &channel in group {
-            self.sd_ohm[channel] = shrunk(variance[channel]).max(FLOOR * FLOOR * median).sqrt();
+            self.sd_ohm[channel] = shrunk(variance[channel]).max(least).sqrt();
         }
         Some(median.sqrt())
     }
@@ -203,9 +208,26 @@ pub fn disagreement(reciprocal: &[Vec<(usize, f64)>], values: &[f64], channels: 
     Some(rms(finite.iter().map(|difference| difference.min(limit)))).filter(|sd| sd.is_finite()).unwrap_or(0.0)
 }
 
-/// Weighted mean and variance of each channel, and the degrees of freedom of the variances. Channels that are not finite
-/// have no weight.
-fn moments(frames: &[&[f64]], finite: &[bool]) -> (Vec<f64>, Vec<f64>, f64) {
+/// The step of the converter: the largest gap between the values of a channel, of the median channel among those whose values
+/// differ. Where noise is larger than the step it is about half of the noise, and its uniform error a seventh.
+fn step_ohm(frames: &[&[f64]], group: &[usize]) -> f64 {
+    let largest_gap = |&channel: &usize| {
+        let values = sorted(frames.iter().map(|frame| frame[channel]));
+        values.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max)
+    };
+    let gaps: Vec<f64> = group.iter().map(largest_gap).filter(|gap| *gap > 0.0).collect();
+    upper_median(&gaps).unwrap_or(0.0)
+}
+
+/// Weighted mean and variance of each channel, and the weights of the frames.
+struct Moments {
+    mean: Vec<f64>,
+    variance: Vec<f64>,
+    weights: Vec<f64>,
+}
+
+/// The moments of frames. Channels that are not finite have no weight.
+fn moments(frames: &[&[f64]], finite: &[bool]) -> Moments {
     let count = frames.len() as f64;
     let mut weights = vec![1.0; frames.len()];
     if frames.len() >= FEWEST_FOR_WEIGHTS {
@@ -220,7 +242,7 @@ fn moments(frames: &[&[f64]], finite: &[bool]) -> (Vec<f64>, Vec<f64>, f64) {
     let mut variance = variance_of(frames, &weights, &mean);
     let unbiased = if frames.len() < 2 { 0.0 } else { count / (count - 1.0) };
     variance.iter_mut().for_each(|variance| *variance *= unbiased);
-    (mean, variance, (weights.iter().sum::<f64>() - 1.0).max(1.0))
+    Moments { mean, variance, weights }
 }
 
 /// The median of each channel, and its variance from the median of the absolute deviations.

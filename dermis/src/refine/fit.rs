@@ -31,6 +31,10 @@ const JOINED_M: f64 = 0.07;
 const SPLIT_M: f64 = 8e-3;
 /// Changes of the number of touches, which are as many as a frame may need.
 const MOST_CHANGES: usize = 12;
+/// A touch is at most this many times as wide as usual, and at least one over this.
+const WIDEST: f64 = 4.0;
+/// Places at which one more touch is tried.
+const MORE_TRIED: usize = 3;
 /// A frame has at most this many touches.
 const MOST_TOUCHES: usize = 16;
 
@@ -119,9 +123,12 @@ impl LeastSquares for Fit<'_> {
             let [x, y] = touch.form.oblong_m;
             Touch {
                 place: self.responses.space().walk(&touch.place, [by[0], by[1]]),
-                form: Form { log_width: touch.form.log_width + by[2], oblong_m: [x + by[3], y + by[4]] },
+                form: Form {
+                    log_width: (touch.form.log_width + by[2]).clamp(-WIDEST.ln(), WIDEST.ln()),
+                    oblong_m: [x + by[3], y + by[4]],
+                },
                 log_strength: touch.log_strength + by[5],
-                uneven: [touch.uneven[0] + by[6], touch.uneven[1] + by[7]],
+                uneven: definite([touch.uneven[0] + by[6], touch.uneven[1] + by[7]]),
                 of: touch.of,
             }
         };
@@ -129,12 +136,7 @@ impl LeastSquares for Fit<'_> {
     }
 }
 
-impl<'a> Fit<'a> {
-    /// The fit of other values by the same means.
-    fn of(&self, values: &'a [f64]) -> Self {
-        Fit { values, ..*self }
-    }
-
+impl Fit<'_> {
     /// What some touches leave.
     fn state(&self, touches: Vec<Touch>) -> State {
         let response = |touch: &Touch| self.responses.response(&touch.place, &touch.form, touch.uneven);
@@ -144,7 +146,8 @@ impl<'a> Fit<'a> {
             subtract(&mut residuals, touch, response);
         }
         let prior: f64 = touches.iter().map(|touch| self.prior(touch)).sum();
-        State { cost: self.weight * dot(&residuals, &residuals) + prior, touches, responses, residuals }
+        let cost = self.cost_of(dot(&residuals, &residuals)) + prior;
+        State { cost, touches, responses, residuals }
     }
 
     /// Usual touches at some places, with the strengths that explain the values best.
@@ -195,13 +198,27 @@ impl<'a> Fit<'a> {
         2.0 * (volume.ln() + self.options.log_odds) - UNKNOWNS as f64 * TAU.ln()
     }
 
+    /// Twice the negative logarithm of the likelihood of residuals with this sum of squares, up to a constant: where they are
+    /// larger than noise and misfit, their variance is that of this frame.
+    fn cost_of(&self, square: f64) -> f64 {
+        let (square, count) = (self.weight * square, self.responses.value_count() as f64);
+        if square <= count { square } else { count * (1.0 + (square / count).ln()) }
+    }
+
+    /// One over the variance of a value beside these residuals.
+    fn weight_at(&self, state: &State) -> f64 {
+        let square = dot(&state.residuals, &state.residuals);
+        self.weight.min(self.responses.value_count() as f64 / square.max(f64::MIN_POSITIVE))
+    }
+
     /// The equations of a step.
     fn normal(&self, state: &State) -> Normal {
+        let weight = self.weight_at(state);
         let columns: Vec<Vec<f64>> = state.touches.iter().zip(&state.responses).flat_map(derivatives).collect();
         let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
         let mut normal = Normal::new(&columns, &state.residuals);
-        normal.matrix.values.iter_mut().for_each(|value| *value *= self.weight);
-        normal.right.iter_mut().for_each(|value| *value *= self.weight);
+        normal.matrix.values.iter_mut().for_each(|value| *value *= weight);
+        normal.right.iter_mut().for_each(|value| *value *= weight);
         for (index, touch) in state.touches.iter().enumerate() {
             for ((unknown, value), (scale, dimensions)) in touch.deviations().into_iter().zip(self.scales()) {
                 let precision = (1.0 + dimensions) / (scale * scale + value[0] * value[0] + value[1] * value[1]);
@@ -213,17 +230,33 @@ impl<'a> Fit<'a> {
         normal
     }
 
+    /// The information about the unknowns: as the equations, but with the precisions of Gaussians that have the height of the
+    /// priors. With them Laplace's approximation is exact for unknowns that the frame tells nothing about, too.
+    fn information(&self, state: &State) -> Normal {
+        let mut normal = self.normal(state);
+        for (index, touch) in state.touches.iter().enumerate() {
+            for ((unknown, value), (scale, dimensions)) in touch.deviations().into_iter().zip(self.scales()) {
+                let precision = (1.0 + dimensions) / (scale * scale + value[0] * value[0] + value[1] * value[1]);
+                let of_height = if dimensions > 1.0 { 1.0 } else { 2.0 / PI } / (scale * scale);
+                for part in 0..dimensions as usize {
+                    normal.add_prior(UNKNOWNS * index + unknown + part, of_height - precision, 0.0);
+                }
+            }
+        }
+        normal
+    }
+
     /// The most probable touches near some.
     fn fitted(&self, state: State) -> Option<Fitted> {
         let state = minimise(self, state, &STEPS).ok()?.point;
-        let factor = self.normal(&state).factor().ok()?;
+        let factor = self.information(&state).factor().ok()?;
         let evidence = state.cost + factor.log_determinant() + state.touches.len() as f64 * self.constant();
         Some(Fitted { covariance: factor.inverse(), evidence, state })
     }
 
     /// The most probable touches near those detected, and their most probable number.
     pub(super) fn run(&self, detected: Vec<Touch>) -> Fitted {
-        let none = Fitted { evidence: self.weight * dot(self.values, self.values), covariance: Matrix::zeros(0, 0), state: self.state(Vec::new()) };
+        let none = Fitted { evidence: self.cost_of(dot(self.values, self.values)), covariance: Matrix::zeros(0, 0), state: self.state(Vec::new()) };
         let start = if detected.is_empty() { None } else { self.start(detected).and_then(|state| self.fitted(state)) };
         let mut best = start.unwrap_or(none);
         for _ in 0..MOST_CHANGES {
@@ -234,20 +267,27 @@ impl<'a> Fit<'a> {
         best
     }
 
-    /// Some touches in place of others where that is more probable: first with the other touches as they are.
-    fn changed(&self, from: &Fitted, removed: &[usize], added: Vec<Touch>) -> Option<Fitted> {
+    /// Some touches in place of others, of which the most probable of several choices, where that is more probable: first with
+    /// the other touches as they are.
+    fn changed(&self, from: &Fitted, removed: &[usize], choices: Vec<Vec<Touch>>) -> Option<Fitted> {
         let state = &from.state;
         let mut own = state.residuals.clone();
         for &index in removed {
             restore(&mut own, &state.touches[index], &state.responses[index]);
         }
-        let local = self.of(&own);
-        let here = Fit { values: &own, ..local };
-        let new = if added.is_empty() { None } else { Some(here.fitted(here.start(added)?)?) };
+        let local = Fit { values: &own, ..*self };
+        let fits = choices.into_iter().filter_map(|touches| local.fitted(local.start(touches)?));
+        let new = fits.min_by(|a, b| a.evidence.total_cmp(&b.evidence));
         let is_kept = |index: &usize| !removed.contains(index);
         let kept = (0..state.touches.len()).filter(is_kept).map(|index| state.touches[index]);
         let all: Vec<Touch> = kept.chain(new.into_iter().flat_map(|new| new.state.touches)).collect();
         let changed = self.fitted(self.state(all))?;
+        if std::env::var("DBG").is_ok() {
+            for f in [from, &changed] {
+                eprintln!("  n {} evidence {:.1} cost {:.1} (left {:.1} = {:.4} of change)", f.state.touches.len(), f.evidence, f.state.cost, self.weight*dot(&f.state.residuals,&f.state.residuals), f.state.left(self.values).sqrt());
+                for t in &f.state.touches { let d=Density::new(&t.form, self.responses.usual_m()); eprintln!("     z {:.1} w {:.2} l {:.1} a {:.2} {:.2} ln s {:.2}, prior {:.1}", t.place.point_m[2]*1e3, d.variance_m2.sqrt()*1e3, d.half_length_m*1e3, t.uneven[0], t.uneven[1], t.log_strength, self.prior(t)); }
+            }
+        }
         (changed.evidence < from.evidence).then_some(changed)
     }
 
@@ -266,7 +306,7 @@ impl<'a> Fit<'a> {
             let form = Form::of_segment(half, self.responses.usual_m()).turned(turn);
             let stronger = if share < 0.5 { a } else { b };
             let joined = Touch { form, ..Touch::at(place, stronger.of.or(a.of).or(b.of)) };
-            self.changed(from, &pair, vec![joined])
+            self.changed(from, &pair, vec![vec![joined]])
         })
     }
 
@@ -280,7 +320,7 @@ impl<'a> Fit<'a> {
             }
             let half = density.axis.map(|part| part * density.half_length_m * 0.7);
             let end = |sign: f64, of| Touch::at(space.walk(&touch.place, half.map(|part| sign * part)), of);
-            self.changed(from, &[index], vec![end(1.0, touch.of), end(-1.0, None)])
+            self.changed(from, &[index], vec![vec![end(1.0, touch.of), end(-1.0, None)]])
         })
     }
 
@@ -289,13 +329,14 @@ impl<'a> Fit<'a> {
         if from.state.touches.len() >= MOST_TOUCHES {
             return None;
         }
-        let (place, explained) = self.responses.likeliest(&from.state.residuals)?;
+        let places = self.responses.likeliest(&from.state.residuals, MORE_TRIED);
         // At its most probable place a touch is known to about its width, which leaves the odds of the area.
         let least = 2.0 * (self.options.log_odds + (self.responses.area_m2() / (TAU * self.responses.usual_m().powi(2))).ln());
-        if self.weight * explained < least {
-            return None;
-        }
-        self.changed(from, &[], vec![Touch::at(place, None)])
+        let weight = self.weight_at(&from.state);
+        let tried: Vec<Vec<Touch>> = (places.into_iter().filter(|(_, explained)| weight * explained > least))
+            .map(|(place, _)| vec![Touch::at(place, None)])
+            .collect();
+        if tried.is_empty() { None } else { self.changed(from, &[], tried) }
     }
 
     /// The touches without the least significant one.
@@ -341,14 +382,16 @@ impl Fitted {
         let first = UNKNOWNS * index;
         let grain_m2 = fit.options.grain_m * fit.options.grain_m;
         let unit = UNITS[0] * UNITS[1];
-        // Where more is left than noise and misfit explain, the model is wrong by that much.
-        let excess = (fit.weight * dot(&self.state.residuals, &self.state.residuals)
-            / fit.responses.value_count() as f64)
-            .max(1.0);
-        let [a, b, c] = [(0, 0), (0, 1), (1, 1)].map(|(i, j)| excess * unit * self.covariance.at(first + i, first + j));
+        let [a, b, c] = [(0, 0), (0, 1), (1, 1)].map(|(i, j)| unit * self.covariance.at(first + i, first + j));
         let grain = self.state.responses[index].grain_m2;
         [a + grain_m2 * grain[0], b + grain_m2 * grain[1], c + grain_m2 * grain[2]]
     }
+}
+
+/// A tensor that raises the conductance in every direction, as near as possible to one that may not.
+fn definite([a, b]: Point2) -> Point2 {
+    let size = a.hypot(b).max(1.0);
+    [a / size, b / size]
 }
 
 /// The derivatives of the values by the unknowns of a touch, in their units.

@@ -149,16 +149,10 @@ impl Density {
         ]
     }
 
-    /// Half the extents of the region where the density exceeds half of its peak, along and across the segment, m.
+    /// Half the sides of a uniform rectangle with the same variances, along and across the segment, m.
     pub(super) fn half_extents_m(&self) -> Point2 {
-        let (sd, l) = (self.variance_m2.sqrt(), self.half_length_m);
-        let across = (2.0 * 2f64.ln()).sqrt() * sd;
-        if l < ROUND * sd {
-            return [across * (1.0 + l * l / (3.0 * self.variance_m2)).sqrt(), across];
-        }
-        let along = |x: f64| gaussian_and_integral((x + l) / sd).1 - gaussian_and_integral((x - l) / sd).1;
-        let peak = along(0.0);
-        [crate::stats::bisect([0.0, l + across], 30, |x| along(x) > 0.5 * peak), across]
+        let square_length = self.half_length_m * self.half_length_m;
+        [3.0 * self.variance_m2 + square_length, 3.0 * self.variance_m2].map(f64::sqrt)
     }
 }
 
@@ -247,6 +241,6 @@ mod tests {
         let turned = Density::new(&Form::of_segment([0.012, 0.016], USUAL_M).turned([0.6, 0.8]), USUAL_M);
         assert!((turned.axis[0] - 1.0).abs() < 1e-12 && turned.axis[1].abs() < 1e-12);
         let [along, across] = density.half_extents_m();
-        assert!((along / 0.02 - 1.0).abs() < 0.01 && across < 5e-3, "{along} {across}");
+        assert!((along / 0.02 - 1.0).abs() < 0.05 && across < 7e-3, "{along} {across}");
     }
 }

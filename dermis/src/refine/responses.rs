@@ -30,6 +30,8 @@ const BASIS_STRIDE: usize = 8;
 const BLOCK: usize = 32;
 /// Distance of the places at which a touch is looked for over the usual width: a fit finds one from there.
 const SEARCH_STEP: f64 = 1.8;
+/// Distance of the places of a search from each other over the usual width.
+const APART: f64 = 5.0;
 
 /// Columns of a response: three of the tensor, and those of the place, the width and the segment.
 pub(super) const COLUMNS: usize = 8;
@@ -198,13 +200,21 @@ impl Responses {
         self.searched = places;
     }
 
-    /// The place at which a round touch explains values best, among those searched, with the decrease of the sum of squares;
-    /// `None` if none does.
-    pub(super) fn likeliest(&self, values: &[f64]) -> Option<(Place, f64)> {
+    /// The places, apart from each other, at which a round touch explains values best, among those searched, each with the
+    /// decrease of the sum of squares; the best first.
+    pub(super) fn likeliest(&self, values: &[f64], most: usize) -> Vec<(Place, f64)> {
         let values: Vec<f32> = values.iter().map(|&value| value as f32).collect();
-        let mut best = (0.0, None);
-        pulp::Arch::new().dispatch(Search { responses: self, values: &values, best: &mut best });
-        Some((self.searched[best.1?], f64::from(best.0).powi(2)))
+        let mut explained = vec![0.0; self.searched.len()];
+        pulp::Arch::new().dispatch(Search { table: &self.search_table, values: &values, explained: &mut explained });
+        let mut found: Vec<(Place, f64)> = Vec::new();
+        let apart_m = APART * self.usual_m;
+        while found.len() < most {
+            let is_apart = |place: &Place| found.iter().all(|(other, _)| self.space.distance_m(place, other) > apart_m);
+            let rest = self.searched.iter().zip(&explained).filter(|(place, explained)| **explained > 0.0 && is_apart(place));
+            let Some((place, best)) = rest.max_by(|a, b| a.1.total_cmp(b.1)) else { break };
+            found.push((*place, f64::from(*best).powi(2)));
+        }
+        found
     }
 
     /// The values of a difference in the table's basis: noise and drift have unit covariance.
@@ -390,11 +400,11 @@ impl WithSimd for Sum<'_> {
     }
 }
 
-/// The place, of those searched, where values are most like the response of a touch.
+/// The scalar product of the response at each place with some values.
 struct Search<'a> {
-    responses: &'a Responses,
+    table: &'a [f32],
     values: &'a [f32],
-    best: &'a mut (f32, Option<usize>),
+    explained: &'a mut [f32],
 }
 
 impl WithSimd for Search<'_> {
@@ -403,15 +413,12 @@ impl WithSimd for Search<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         let values = self.values.as_chunks::<16>().0;
-        for (place, response) in self.responses.search_table.chunks_exact(self.values.len()).enumerate() {
+        for (response, explained) in self.table.chunks_exact(self.values.len()).zip(self.explained) {
             let mut sums = [0.0f32; 16];
             for (a, b) in response.as_chunks::<16>().0.iter().zip(values) {
                 (0..16).for_each(|lane| sums[lane] += a[lane] * b[lane]);
             }
-            let explained = sums.iter().sum::<f32>();
-            if explained > self.best.0 {
-                *self.best = (explained, Some(place));
-            }
+            *explained = sums.iter().sum::<f32>();
         }
     }
 }
