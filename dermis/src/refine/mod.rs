@@ -82,12 +82,12 @@ pub struct RefineOptions {
 impl Default for RefineOptions {
     fn default() -> Self {
         RefineOptions {
-            width_m: 4.5e-3,
+            width_m: 4e-3,
             width_ratio: 1.3,
-            length_m: 3e-3,
+            length_m: 4.5e-3,
             unevenness: 0.05,
-            misfit: 0.07,
-            log_odds: 4.0,
+            misfit: 0.14,
+            log_odds: 6.0,
             grain_m: 3e-3,
             coating_drift: 0.01,
             contact_drift: 0.1,
