@@ -26,7 +26,7 @@ const STEPS: Steps = Steps {
 /// The logarithm of the range of strengths that a touch may have: from noise to the strongest press.
 const STRENGTHS: f64 = 7.0;
 /// Two touches nearer than this may be one, m: two segments of half of it.
-const JOINED_M: f64 = 0.07;
+const JOINED_M: f64 = 0.05;
 /// A segment longer than this may be two touches, m.
 const SPLIT_M: f64 = 8e-3;
 /// Changes of the number of touches, which are as many as a frame may need.
@@ -140,7 +140,12 @@ impl Fit<'_> {
     /// What some touches leave.
     fn state(&self, touches: Vec<Touch>) -> State {
         let response = |touch: &Touch| self.responses.response(&touch.place, &touch.form, touch.uneven);
-        let responses: Vec<Response> = touches.iter().map(response).collect();
+        let responses = touches.iter().map(response).collect();
+        self.with(touches, responses)
+    }
+
+    /// The same with the responses of the touches.
+    fn with(&self, touches: Vec<Touch>, responses: Vec<Response>) -> State {
         let mut residuals = self.values.to_vec();
         for (touch, response) in touches.iter().zip(&responses) {
             subtract(&mut residuals, touch, response);
@@ -250,8 +255,14 @@ impl Fit<'_> {
     fn fitted(&self, state: State) -> Option<Fitted> {
         let state = minimise(self, state, &STEPS).ok()?.point;
         let factor = self.information(&state).factor().ok()?;
-        let evidence = state.cost + factor.log_determinant() + state.touches.len() as f64 * self.constant();
+        let evidence = self.evidence(&state, factor.log_determinant());
         Some(Fitted { covariance: factor.inverse(), evidence, state })
+    }
+
+    /// Twice the negative logarithm of the probability of the values and some touches, from the determinant of the information
+    /// about their unknowns.
+    fn evidence(&self, state: &State, log_determinant: f64) -> f64 {
+        state.cost + log_determinant + state.touches.len() as f64 * self.constant()
     }
 
     /// The most probable touches near those detected, and their most probable number.
@@ -278,16 +289,19 @@ impl Fit<'_> {
         let local = Fit { values: &own, ..*self };
         let fits = choices.into_iter().filter_map(|touches| local.fitted(local.start(touches)?));
         let new = fits.min_by(|a, b| a.evidence.total_cmp(&b.evidence));
+        if let Some(new) = &new {
+            let of = |index: &usize| (state.touches[*index], state.responses[*index].clone());
+            let (touches, responses) = removed.iter().map(of).unzip();
+            let old = local.with(touches, responses);
+            let factor = local.information(&old).factor().ok()?;
+            if new.evidence >= self.evidence(&old, factor.log_determinant()) {
+                return None;
+            }
+        }
         let is_kept = |index: &usize| !removed.contains(index);
         let kept = (0..state.touches.len()).filter(is_kept).map(|index| state.touches[index]);
         let all: Vec<Touch> = kept.chain(new.into_iter().flat_map(|new| new.state.touches)).collect();
         let changed = self.fitted(self.state(all))?;
-        if std::env::var("DBG").is_ok() {
-            for f in [from, &changed] {
-                eprintln!("  n {} evidence {:.1} cost {:.1} (left {:.1} = {:.4} of change)", f.state.touches.len(), f.evidence, f.state.cost, self.weight*dot(&f.state.residuals,&f.state.residuals), f.state.left(self.values).sqrt());
-                for t in &f.state.touches { let d=Density::new(&t.form, self.responses.usual_m()); eprintln!("     z {:.1} w {:.2} l {:.1} a {:.2} {:.2} ln s {:.2}, prior {:.1}", t.place.point_m[2]*1e3, d.variance_m2.sqrt()*1e3, d.half_length_m*1e3, t.uneven[0], t.uneven[1], t.log_strength, self.prior(t)); }
-            }
-        }
         (changed.evidence < from.evidence).then_some(changed)
     }
 
@@ -299,7 +313,7 @@ impl Fit<'_> {
         pairs.filter(near).find_map(|pair| {
             let [a, b] = pair.map(|index| &touches[index]);
             let share = 1.0 / (1.0 + (a.log_strength - b.log_strength).exp());
-            let step = space.step(&a.place, b.place.point_m);
+            let step = space.step(&a.place, &b.place);
             let place = space.walk(&a.place, step.map(|part| share * part));
             let turn = place.turn_from(&a.place);
             let half = step.map(|part| 0.5 * part);

@@ -10,6 +10,8 @@ use crate::mesh::Mesh;
 pub(super) struct Place {
     /// The point, m.
     pub point_m: Point3,
+    /// The same in the chart, m; zero without one.
+    pub unrolled: Point2,
     /// Unit vectors: two in the tangent plane, and the outward normal.
     pub axes: [Point3; 3],
 }
@@ -39,12 +41,7 @@ impl Space {
     /// The place of a point, or the nearest one.
     pub(super) fn place(&self, point_m: Point3) -> Place {
         match self {
-            Space::Chart(surface, chart) => {
-                let point_m = chart.roll(chart.nearest(chart.unroll(point_m)));
-                let normal = surface.normal(point_m).unwrap_or([0.0, 0.0, 1.0]);
-                let second = if matches!(surface, Surface::Plane) { [0.0, 1.0, 0.0] } else { [0.0, 0.0, 1.0] };
-                Place { point_m, axes: [cross(second, normal), second, normal] }
-            }
+            Space::Chart(surface, chart) => Self::in_chart(surface, chart, chart.unroll(point_m)),
             Space::Triangles(tree, normals) => {
                 let nearest = tree.nearest(point_m);
                 let normal = normals[nearest.triangle];
@@ -52,29 +49,36 @@ impl Space {
                 let flattest = (0..3).min_by(|a, b| normal[*a].abs().total_cmp(&normal[*b].abs())).unwrap_or(0);
                 let mut axis = [0.0; 3];
                 axis[flattest] = 1.0;
-                Place { point_m: nearest.point, axes: axes_near(axis, normal) }
+                Place { point_m: nearest.point, unrolled: [0.0; 2], axes: axes_near(axis, normal) }
             }
         }
     }
 
+    /// The place nearest to one in the chart.
+    fn in_chart(surface: &Surface, chart: &Chart, unrolled: Point2) -> Place {
+        let unrolled = chart.wrap(chart.nearest(unrolled));
+        let point_m = chart.roll(unrolled);
+        let normal = surface.normal(point_m).unwrap_or([0.0, 0.0, 1.0]);
+        let second = if matches!(surface, Surface::Plane) { [0.0, 1.0, 0.0] } else { [0.0, 0.0, 1.0] };
+        Place { point_m, unrolled, axes: [cross(second, normal), second, normal] }
+    }
+
     /// The place reached by a step along the tangent plane, with the axes carried along.
     pub(super) fn walk(&self, from: &Place, [along, across]: Point2) -> Place {
-        if let Space::Chart(_, chart) = self {
-            return self.place(chart.roll({
-                let [x, y] = chart.unroll(from.point_m);
-                chart.nearest([x + along, y + across])
-            }));
+        if let Space::Chart(surface, chart) = self {
+            let [x, y] = from.unrolled;
+            return Self::in_chart(surface, chart, [x + along, y + across]);
         }
         let there = self.place(add(from.point_m, add(scale(from.axes[0], along), scale(from.axes[1], across))));
         Place { axes: axes_near(from.axes[0], there.axes[2]), ..there }
     }
 
-    /// The step from a place to a point near it: in the chart, or in the tangent plane with the length of the straight line.
-    pub(super) fn step(&self, from: &Place, to: Point3) -> Point2 {
+    /// The step from a place to one near it: in the chart, or in the tangent plane with the length of the straight line.
+    pub(super) fn step(&self, from: &Place, to: &Place) -> Point2 {
         match self {
-            Space::Chart(surface, _) => surface.chart(from.point_m, to),
+            Space::Chart(_, chart) => chart.difference(from.unrolled, to.unrolled),
             Space::Triangles(..) => {
-                let by = sub(to, from.point_m);
+                let by = sub(to.point_m, from.point_m);
                 let flat = [dot(by, from.axes[0]), dot(by, from.axes[1])];
                 let factor = norm(by) / flat[0].hypot(flat[1]).max(f64::MIN_POSITIVE);
                 if factor.is_finite() { flat.map(|part| part * factor) } else { [0.0; 2] }
@@ -85,7 +89,7 @@ impl Space {
     /// The distance of two places along the surface; through space without a chart.
     pub(super) fn distance_m(&self, a: &Place, b: &Place) -> f64 {
         match self {
-            Space::Chart(surface, _) => surface.distance_m(a.point_m, b.point_m),
+            Space::Chart(_, chart) => chart.distance_m(a.unrolled, b.unrolled),
             Space::Triangles(..) => distance(a.point_m, b.point_m),
         }
     }

@@ -23,13 +23,15 @@ const LEAST_WIDTH: f64 = 0.6;
 /// An amplitude whose value in the model is below this part of their root mean square has no known sign.
 const SIGN_IS_KNOWN: f64 = 0.05;
 /// Directions of the values in which touches change a frame by less than this part of the largest are left out.
-const LEAST_PART: f64 = 1e-4;
+const LEAST_PART: f64 = 1e-3;
 /// One of this many cells is used to find them.
 const BASIS_STRIDE: usize = 8;
 /// Values that are summed together, in registers.
 const BLOCK: usize = 32;
 /// Distance of the places at which a touch is looked for over the usual width: a fit finds one from there.
 const SEARCH_STEP: f64 = 1.8;
+/// Places that are searched together, in registers.
+const PLACES: usize = 64;
 /// Distance of the places of a search from each other over the usual width.
 const APART: f64 = 5.0;
 
@@ -68,7 +70,7 @@ pub(super) struct Responses {
     whitening: Whitening,
     channel_count: usize,
     searched: Vec<Place>,
-    /// By place, the unit vector of the response of a round, even touch.
+    /// By block of places and value, the unit vectors of the responses of round, even touches.
     search_table: Vec<f32>,
 }
 
@@ -196,7 +198,12 @@ impl Responses {
             let norm = crate::linalg::dot(&value, &value).sqrt().max(f64::MIN_POSITIVE);
             value.into_iter().map(|value| (value / norm) as f32).collect::<Vec<f32>>()
         });
-        self.search_table = responses.collect::<Vec<_>>().concat();
+        let responses: Vec<Vec<f32>> = responses.collect();
+        let value = |block: &[Vec<f32>], value: usize, lane: usize| block.get(lane).map_or(0.0, |response| response[value]);
+        let of_block = |block: &[Vec<f32>]| -> Vec<f32> {
+            (0..self.count * PLACES).map(|k| value(block, k / PLACES, k % PLACES)).collect()
+        };
+        self.search_table = responses.chunks(PLACES).flat_map(of_block).collect();
         self.searched = places;
     }
 
@@ -204,7 +211,7 @@ impl Responses {
     /// decrease of the sum of squares; the best first.
     pub(super) fn likeliest(&self, values: &[f64], most: usize) -> Vec<(Place, f64)> {
         let values: Vec<f32> = values.iter().map(|&value| value as f32).collect();
-        let mut explained = vec![0.0; self.searched.len()];
+        let mut explained = vec![0.0; self.searched.len().next_multiple_of(PLACES)];
         pulp::Arch::new().dispatch(Search { table: &self.search_table, values: &values, explained: &mut explained });
         let mut found: Vec<(Place, f64)> = Vec::new();
         let apart_m = APART * self.usual_m;
@@ -285,7 +292,7 @@ impl Responses {
             if dot(straight, straight) > reach_m * reach_m || dot(cell.place.axes[2], place.axes[2]) <= 0.0 {
                 continue;
             }
-            let offset = self.space.step(place, cell.place.point_m);
+            let offset = self.space.step(place, &cell.place);
             if !density.reaches(offset) {
                 continue;
             }
@@ -412,13 +419,13 @@ impl WithSimd for Search<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let values = self.values.as_chunks::<16>().0;
-        for (response, explained) in self.table.chunks_exact(self.values.len()).zip(self.explained) {
-            let mut sums = [0.0f32; 16];
-            for (a, b) in response.as_chunks::<16>().0.iter().zip(values) {
-                (0..16).for_each(|lane| sums[lane] += a[lane] * b[lane]);
+        let blocks = self.table.chunks_exact(self.values.len() * PLACES);
+        for (block, explained) in blocks.zip(self.explained.as_chunks_mut::<PLACES>().0) {
+            let mut sums = [0.0f32; PLACES];
+            for (row, value) in block.as_chunks::<PLACES>().0.iter().zip(self.values) {
+                (0..PLACES).for_each(|lane| sums[lane] += row[lane] * value);
             }
-            *explained = sums.iter().sum::<f32>();
+            *explained = sums;
         }
     }
 }
