@@ -1,7 +1,7 @@
 // The list of contacts, one line each.
 
 import { contactColour, SLOT_COUNT, type Theme } from "./colours";
-import { contactSize, fixed } from "./format";
+import { contactSize, fixed, formText } from "./format";
 import { make, part, say, show } from "./dom";
 import type { Contact } from "./types";
 
@@ -45,11 +45,14 @@ export class ContactList {
 function explain(contact: Contact): string {
   const sd = contact.sd_m === null ? "unknown" : `${fixed(contact.sd_m * 1000, 1)} mm`;
   const sure = contact.confidence === null ? "unknown" : fixed(contact.confidence, 2);
-  return `contact ${contact.id}: standard deviation of the position ${sd}, confidence ${sure}`;
+  const form = formText(contact) || "unknown";
+  return `contact ${contact.id}: length and width ${form}, standard deviation of the position ${sd}, confidence ${sure}`;
 }
 
+/** The place, and the form where it is known, else the confidence: all three are too wide for the list. */
 function describe(contact: Contact): string {
-  const place = contact.flat_m ?? contact.position_m;
-  const at = `${place.map((length) => Math.round(length * 1000)).join(", ")} mm`;
-  return contact.confidence === null ? at : `${at} · ${Math.round(contact.confidence * 100)} %`;
+  const place = (contact.flat_m ?? contact.position_m).map((length) => Math.round(length * 1000)).join(", ");
+  const form = formText(contact);
+  if (form) return `${place} · ${form}`;
+  return contact.confidence === null ? `${place} mm` : `${place} mm · ${Math.round(contact.confidence * 100)} %`;
 }

@@ -35,6 +35,15 @@ export class Flat {
     return surface.kind === "plane" ? [x, y] : null;
   }
 
+  /** A vector of the tangent plane at a point of the body in the layout; null where the body has no formula. */
+  vectorFromSpace([x, y]: Vec3, [dx, dy, dz]: Vec3): Vec2 | null {
+    const { surface } = this;
+    if (surface.kind === "plane") return [dx, dy];
+    if (surface.kind !== "cylinder") return null;
+    const theta = Math.atan2(y, x);
+    return [dy * Math.cos(theta) - dx * Math.sin(theta), dz];
+  }
+
   /** The same place within the width, where the layout closes on itself. */
   wrapped([u, v]: Vec2): Vec2 {
     if (!this.wraps) return [u, v];

@@ -28,6 +28,12 @@ export function contactLabel(contact: Contact): string {
   return `#${contact.id} ${contactSize(contact)}`.trim();
 }
 
+/** Length and width of a contact; empty where they are unknown. */
+export function formText({ half_length_m, half_width_m }: Contact): string {
+  if (half_length_m === null || half_width_m === null) return "";
+  return `${Math.round(2000 * half_length_m)} × ${Math.round(2000 * half_width_m)} mm`;
+}
+
 /** Two or three digits; at most six characters, so that it fits into the tile of an electrode. */
 export function ohms(value: number | null | undefined): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";

@@ -1,6 +1,7 @@
-// Markers of the 3D view: electrodes (a shape for each state), contacts (ring and pin) and presses (cross).
+// Markers of the 3D view: electrodes (a shape for each state), contacts (ring or oval, and pin) and presses (cross).
 
 import {
+  type BufferAttribute,
   type BufferGeometry,
   CircleGeometry,
   Color,
@@ -19,7 +20,8 @@ import {
 } from "three";
 
 import { contactColour, INK, SLOT_COUNT, type Theme } from "./colours";
-import type { Contact, ElectrodePlace, ElectrodeState, Vec3 } from "./types";
+import { contactForm, type Form, LEAST_RADIUS_M, pointOnSkin } from "./form";
+import type { Contact, ElectrodePlace, ElectrodeState, Surface, Vec3 } from "./types";
 
 export const STATES: readonly ElectrodeState[] = ["sound", "doubtful", "suspect", "on_trial", "loose", "open"];
 /** Faults are drawn larger than the electrode, by this factor. */
@@ -34,7 +36,7 @@ export function pinLength(contact: Contact, bodySize: number): number {
 
 /** Radius of the disc that has the contact's area; 8 mm where it is unknown. */
 export function contactRadius(contact: Contact): number {
-  return contact.area_m2 !== null && contact.area_m2 > 0 ? Math.max(Math.sqrt(contact.area_m2 / Math.PI), 0.003) : 0.008;
+  return contact.area_m2 !== null && contact.area_m2 > 0 ? Math.max(Math.sqrt(contact.area_m2 / Math.PI), LEAST_RADIUS_M) : 0.008;
 }
 
 /** The shapes of the states, of radius one: disc, diamond, triangle, cross. */
@@ -118,36 +120,65 @@ export class ElectrodeMarks {
   }
 }
 
+function lyingAlong(form: Form, normal: Vec3): Quaternion {
+  const axes = [form.along, form.across, normal].map((axis) => new Vector3(...axis)) as [Vector3, Vector3, Vector3];
+  return new Quaternion().setFromRotationMatrix(new Matrix4().makeBasis(...axes));
+}
+
 function colour(mesh: Mesh): Color {
   return (mesh.material as MeshBasicMaterial).color;
 }
 
-/** A ring flat on the skin with a light edge, and a pin along the normal with a head. */
+/** The outline of a contact on the skin. */
+class Outline extends Mesh<RingGeometry, MeshBasicMaterial> {
+  private readonly ring: BufferAttribute;
+
+  /** `half`: half of its thickness over its radius. An oval is as thick as a ring of the same area. */
+  constructor(half: number, private readonly liftM: number) {
+    super(new RingGeometry(1 - half, 1 + half, 40), new MeshBasicMaterial());
+    this.ring = this.places().clone();
+    this.frustumCulled = false;
+  }
+
+  /** A ring flat on the skin, or a form that follows it. */
+  show(form: Form | null, radiusM: number, surface: Surface): void {
+    const [halfLength, halfWidth] = form ? [form.halfLengthM, form.halfWidthM] : [radiusM, radiusM];
+    for (let k = 0; k < this.ring.count; k += 1) {
+      const [x, y] = [this.ring.getX(k), this.ring.getY(k)];
+      const radius = Math.hypot(x, y);
+      const beyond = (radius - 1) * Math.sqrt(halfLength * halfWidth);
+      const place: Vec3 = [(x / radius) * (halfLength + beyond), (y / radius) * (halfWidth + beyond), this.liftM];
+      this.places().setXYZ(k, ...(form ? pointOnSkin(form, surface, place) : place));
+    }
+    this.places().needsUpdate = true;
+  }
+
+  private places(): BufferAttribute {
+    return this.geometry.getAttribute("position") as BufferAttribute;
+  }
+}
+
+/** A ring or an oval on the skin with a light edge, and a pin along the normal with a head. */
 class ContactMark {
   readonly group = new Group();
   readonly tip = new Vector3();
-  private readonly ring: Mesh;
-  private readonly edge: Mesh;
+  private readonly ring = new Outline(0.14, 0.0016);
+  private readonly edge = new Outline(0.22, 0.0012);
   private readonly pin: Mesh;
   private readonly head: Mesh;
 
   constructor(bodySize: number) {
-    this.edge = new Mesh(new RingGeometry(0.78, 1.22, 40), new MeshBasicMaterial());
-    this.ring = new Mesh(new RingGeometry(0.86, 1.14, 40), new MeshBasicMaterial());
     this.pin = new Mesh(new CylinderGeometry(bodySize * 0.004, bodySize * 0.004, 1, 8).rotateX(Math.PI / 2).translate(0, 0, 0.5), this.ring.material);
     this.head = new Mesh(new SphereGeometry(bodySize * 0.013, 14, 10), this.ring.material);
-    this.edge.position.z = 0.0012;
-    this.ring.position.z = 0.0016;
     this.group.add(this.edge, this.ring, this.pin, this.head);
   }
 
-  show(contact: Contact, ink: string, halo: string, bodySize: number): void {
-    const radius = contactRadius(contact);
+  show(contact: Contact, surface: Surface, ink: string, halo: string, bodySize: number): void {
+    const form = contactForm(contact);
     const length = pinLength(contact, bodySize);
     this.group.position.set(...contact.position_m);
-    this.group.quaternion.copy(facing(contact.normal));
-    this.ring.scale.setScalar(radius);
-    this.edge.scale.setScalar(radius);
+    this.group.quaternion.copy(form ? lyingAlong(form, contact.normal) : facing(contact.normal));
+    for (const outline of [this.ring, this.edge]) outline.show(form, contactRadius(contact), surface);
     this.pin.scale.z = length;
     this.head.position.z = length;
     this.tip.set(...contact.position_m).addScaledVector(new Vector3(...contact.normal), length + bodySize * 0.013);
@@ -162,7 +193,7 @@ export class ContactMarks {
   private readonly pool: ContactMark[] = [];
   private theme: Theme = "light";
 
-  constructor(private readonly bodySize: number) {}
+  constructor(private readonly bodySize: number, private readonly surface: Surface) {}
 
   setTheme(theme: Theme): void {
     this.theme = theme;
@@ -178,7 +209,7 @@ export class ContactMarks {
     this.pool.forEach((mark, k) => (mark.group.visible = k < contacts.length));
     return contacts.map((contact, k) => {
       const mark = this.pool[k] as ContactMark;
-      mark.show(contact, contactColour(this.theme, slots[k] ?? SLOT_COUNT), INK[this.theme].halo, this.bodySize);
+      mark.show(contact, this.surface, contactColour(this.theme, slots[k] ?? SLOT_COUNT), INK[this.theme].halo, this.bodySize);
       return mark.tip;
     });
   }
@@ -218,7 +249,7 @@ export class GuideMark {
   }
 }
 
-/** Where the pointer presses: a cross; a contact is a ring. */
+/** Where the pointer presses: a cross; a contact is a ring or an oval. */
 export class PressMarks {
   readonly group = new Group();
   private readonly shape: BufferGeometry;

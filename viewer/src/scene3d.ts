@@ -17,6 +17,7 @@ import {
 } from "three";
 
 import { colourTable, contactColour, SLOT_COUNT, type Theme } from "./colours";
+import { contactForm } from "./form";
 import { contactLabel, electrodeText } from "./format";
 import { type Label, Labels } from "./labels";
 import { ContactMarks, contactRadius, ElectrodeMarks, GuideMark, PressMarks } from "./markers";
@@ -89,7 +90,7 @@ export class SkinView {
     const bodySize = 2 * (geometry.boundingSphere?.radius ?? 0.1);
     const mesh = new Mesh(geometry, skinMaterial());
     const electrodes = new ElectrodeMarks(scene.electrodes);
-    const contacts = new ContactMarks(bodySize);
+    const contacts = new ContactMarks(bodySize, scene.surface);
     const presses = new PressMarks(bodySize * 0.014);
     const guide = new GuideMark(bodySize * 0.03);
     this.body = { mesh, values, electrodes, contacts, presses, guide, scene };
@@ -227,13 +228,21 @@ export class SkinView {
       const [x, tipY] = this.onCanvas(tip);
       // Over the pin, and over the ring where the pin points at the eye.
       const [footX, footY] = this.onCanvas(new Vector3(...contact.position_m));
-      const ring = contactRadius(contact) * this.pixelsPerMetre(tip);
+      const ring = this.heightSeen(contact) * this.pixelsPerMetre(tip);
       const y = Math.hypot(x - footX, tipY - footY) < 1.5 * ring ? Math.min(tipY, footY - ring) : tipY;
       const behind = this.outwardSeen(contact.position_m, contact.normal) ? "" : " behind";
       const colour = contactColour(this.theme, this.slots[k] ?? SLOT_COUNT);
       labels.push({ x, y: y - 5, text: contactLabel(contact), kind: `contact${behind}`, colour });
     });
     return labels;
+  }
+
+  /** How far the outline of a contact reaches up on the screen, m. */
+  private heightSeen(contact: Contact): number {
+    const form = contactForm(contact);
+    if (!form) return contactRadius(contact);
+    const up = new Vector3(0, 1, 0).applyQuaternion(this.camera.quaternion);
+    return Math.hypot(form.halfLengthM * up.dot(new Vector3(...form.along)), form.halfWidthM * up.dot(new Vector3(...form.across)));
   }
 
   private onCanvas(point: Vector3): Vec2 {

@@ -135,6 +135,9 @@ export interface Contact {
   force_sd_n: number | null;
   strength: number | null;
   area_m2: number | null;
+  direction: Vec3;
+  half_length_m: number | null;
+  half_width_m: number | null;
   sd_m: number | null;
   confidence: number;
   conductance?: "rises" | "falls";

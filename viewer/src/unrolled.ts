@@ -2,6 +2,7 @@
 
 import { colourTable, contactColour, INK, SLOT_COUNT, type Theme } from "./colours";
 import { Flat } from "./flat";
+import { contactForm } from "./form";
 import { contactLabel, electrodeText, STATE_SYMBOL } from "./format";
 import { contactRadius } from "./markers";
 import { makeRaster, type Raster } from "./raster";
@@ -15,6 +16,13 @@ const TOP = 10;
 const RIGHT = 14;
 /** Ticks are at least this far apart, CSS pixels. */
 const TICK_SPACING = 48;
+
+/** Half axes on the canvas, and the angle from the right to the first one, clockwise. */
+interface Oval {
+  halfLength: number;
+  halfWidth: number;
+  angle: number;
+}
 
 interface Body {
   scene: SceneMessage;
@@ -292,31 +300,45 @@ export class UnrolledView {
   private drawContacts(body: Body): void {
     const { pen } = this;
     const ink = INK[this.theme];
-    const { x, y, width, height, perMetre } = this.area(body);
+    const { x, y, width, height } = this.area(body);
     this.contacts.forEach((contact, k) => {
       const place = contact.flat_m ?? body.flat.fromSpace(contact.position_m);
       if (!place) return;
       const colour = contactColour(this.theme, this.slots[k] ?? SLOT_COUNT);
-      const radius = contactRadius(contact) * perMetre;
+      const oval = this.outline(body, contact);
+      const { halfLength, halfWidth, angle } = oval;
+      const aside = Math.hypot(halfLength * Math.cos(angle), halfWidth * Math.sin(angle));
+      const up = Math.hypot(halfLength * Math.sin(angle), halfWidth * Math.cos(angle));
       for (const copy of this.copies(body, place)) {
         const [cx, cy] = this.onCanvas(body, copy);
-        if (cx < x - radius || cx > x + width + radius) continue;
+        if (cx < x - aside || cx > x + width + aside) continue;
         pen.save();
         pen.beginPath();
         pen.rect(x, y, width, height);
         pen.clip();
-        ring(pen, cx, cy, radius, ink.halo, 5);
-        ring(pen, cx, cy, radius, colour, 3);
+        trace(pen, cx, cy, oval, ink.halo, 5);
+        trace(pen, cx, cy, oval, colour, 3);
         pen.restore();
         if (cx < x || cx > x + width) continue;
-        const below = cy - radius < y + 18;
+        const below = cy - up < y + 18;
         const label = contactLabel(contact);
         pen.font = LABEL_FONT;
         const half = pen.measureText(label).width / 2 + 3;
         const at = Math.min(Math.max(cx, x + half), x + width - half);
-        words(pen, label, at, below ? cy + radius + 17 : cy - radius - 6, ink.text, ink.halo, 13);
+        words(pen, label, at, below ? cy + up + 17 : cy - up - 6, ink.text, ink.halo, 13);
       }
     });
+  }
+
+  /** The form of a contact where it is known, else a circle. */
+  private outline(body: Body, contact: Contact): Oval {
+    const { perMetre } = this.area(body);
+    const form = contactForm(contact);
+    const along = form && body.flat.vectorFromSpace(contact.position_m, form.along);
+    const radius = contactRadius(contact) * perMetre;
+    if (!along) return { halfLength: radius, halfWidth: radius, angle: 0 };
+    const angle = Math.atan2(-along[1], along[0]);
+    return { halfLength: form.halfLengthM * perMetre, halfWidth: form.halfWidthM * perMetre, angle };
   }
 
   private drawGuide(body: Body): void {
@@ -376,9 +398,9 @@ function millimetres(metres: number): string {
   return `${Math.round(metres * 1e5) / 100}`;
 }
 
-function ring(pen: CanvasRenderingContext2D, x: number, y: number, radius: number, colour: string, wide: number): void {
+function trace(pen: CanvasRenderingContext2D, x: number, y: number, oval: Oval, colour: string, wide: number): void {
   pen.beginPath();
-  pen.arc(x, y, radius, 0, 2 * Math.PI);
+  pen.ellipse(x, y, oval.halfLength, oval.halfWidth, oval.angle, 0, 2 * Math.PI);
   pen.strokeStyle = colour;
   pen.lineWidth = wide;
   pen.stroke();

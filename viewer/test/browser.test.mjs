@@ -86,6 +86,34 @@ withPage("a contact has a label and keeps its colour while others come and go", 
   assert.equal(inks.size, 1, `colours ${[...inks]}`);
 });
 
+const oval = { theta: 2.2, z: 0.15, force: 2, form: { halfLengthM: 0.03, halfWidthM: 0.01, angle: 0.6 } };
+const onSeam = { theta: 0.1, z: 0.08, force: 1, form: { halfLengthM: 0.025, halfWidthM: 0.005, angle: 0 } };
+/** A point of the skin at these distances along and across the form of a touch. */
+function pointOf({ theta, z, form: { angle } }, along, across) {
+  const [cos, sin] = [Math.cos(angle), Math.sin(angle)];
+  return onCylinder(theta + (along * cos - across * sin) / RADIUS_M, z + along * sin + across * cos);
+}
+withPage("the form of a contact is drawn in both views and across the seam, and its size is in the list", { server: { touches: () => [oval, onSeam, { theta: 4, z: 0.2, force: 1 }] } }, async (page) => {
+  await until("the sizes", async () => (await page.$$eval("#contact-list .details", (found) => found.map((one) => one.textContent))).join("|") === "105, 150 · 60 × 20 mm|5, 80 · 50 × 10 mm|191, 200 mm · 98 %");
+  const tips = await page.$$eval("#contact-list .contact-row", (rows) => rows.map((row) => row.title.split(",")[0].split(": ")[1]));
+  assert.deepEqual(tips, ["length and width 60 × 20 mm", "length and width 50 × 10 mm", "length and width unknown"]);
+  // The contact colours of the light theme: blue, then green.
+  const isBlue = ([r, , b]) => r < 100 && b > 130;
+  const isGreen = ([r, g]) => r < 100 && g > 100;
+  for (const draw of [project, projectFlat]) {
+    for (const [along, across] of [[0.03, 0], [-0.03, 0], [0, 0.01]]) {
+      const seen = await colourAt(page, await draw(page, pointOf(oval, along, across)));
+      assert.ok(isBlue(seen), `${draw.name} shows ${seen} at ${along}, ${across}`);
+    }
+      // There the oval of the opposite angle, and the circle of an unknown form, would be drawn.
+    for (const [along, across] of [[0.03 * Math.cos(1.2), -0.03 * Math.sin(1.2)], [0, 0.0165]]) {
+      const seen = await colourAt(page, await draw(page, pointOf(oval, along, across)));
+      assert.ok(!isBlue(seen), `${draw.name} shows ${seen} at ${along}, ${across}`);
+    }
+  }
+  for (const along of [-0.025, 0.025]) assert.ok(isGreen(await colourAt(page, await projectFlat(page, pointOf(onSeam, along, 0)))), `${along} along the form on the seam`);
+});
+
 const guide = { step: "press", position_m: onCylinder(5.5, 0.1), taken: 11, planned: 50, coverage: 0.41, reach_m: 0.02, errors: [[8, 0.0081], [12, 0.0042]], fitting: false, note: "" };
 withPage("a guided session shows the place, the figures and its buttons", { server: { guide } }, async (page, server) => {
   await until("the instruction", async () => (await page.textContent("#guide-step")) === "Press here with about 2 N");

@@ -124,7 +124,8 @@ export function image(touches, sequence) {
   return values;
 }
 
-export function contact(id, { theta, z, force }, since) {
+/** `form`: half length and half width, and the angle from the way round to the axis; m and radians. */
+export function contact(id, { theta, z, force, form }, since) {
   const round = ((theta % (2 * Math.PI)) + 2 * Math.PI) % (2 * Math.PI);
   return {
     id,
@@ -133,6 +134,9 @@ export function contact(id, { theta, z, force }, since) {
     flat_m: [RADIUS_M * round, z],
     strength: 0.03 * force * 2 * Math.PI * SPREAD_M ** 2,
     area_m2: Math.PI * (1.18 * SPREAD_M) ** 2,
+    direction: form ? [-Math.sin(theta) * Math.cos(form.angle), Math.cos(theta) * Math.cos(form.angle), Math.sin(form.angle)] : [null, null, null],
+    half_length_m: form?.halfLengthM ?? null,
+    half_width_m: form?.halfWidthM ?? null,
     force_n: force,
     force_sd_n: 0.3 * force,
     sd_m: 0.0012,

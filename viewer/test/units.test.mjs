@@ -2,15 +2,16 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { load } from "./load.mjs";
-import { RADIUS_M, scene, squareScene } from "./skin.mjs";
+import { contact, RADIUS_M, scene, squareScene } from "./skin.mjs";
 
 const { colourTable, TABLE_SIZE, tableEntry } = await load("colours");
 const { decode } = await load("decode");
 const { AutoRange, roundUp } = await load("range");
 const { Flat } = await load("flat");
+const { contactForm, LEAST_RADIUS_M, pointOnSkin } = await load("form");
 const { makeRaster } = await load("raster");
 const { Slots } = await load("colour_slots");
-const { ohms } = await load("format");
+const { formText, ohms } = await load("format");
 const { Presser } = await load("press");
 const { VertexValues } = await load("skin");
 
@@ -138,6 +139,56 @@ test("flat: a plane's picture lies round the middle of its vertices", () => {
   assert.deepEqual(flat.toSpace([-0.05, 0.02]), [-0.05, 0.02, 0]);
   assert.equal(flat.toSpace([0.11, 0]), null);
   assert.deepEqual(flat.clamped([0.3, -0.3]), [0.1, -0.1]);
+});
+
+test("flat: a vector of the skin keeps its direction, on a cylinder and on a plane", () => {
+  const step = 1e-6;
+  for (const body of [scene(), squareScene().scene]) {
+    const flat = new Flat(body, body.unrolled);
+    for (const [place, along] of [[[0.02, 0.05], [0.6, 0.8]], [[0.05, 0.03], [-0.8, 0.6]]]) {
+      const [from, to] = [place, [place[0] + step * along[0], place[1] + step * along[1]]].map((at) => flat.toSpace(at));
+      const vector = flat.vectorFromSpace(from, from.map((value, axis) => (to[axis] - value) / step));
+      // Half the square of the step over the radius is what the chord leaves out.
+      assert.ok(Math.hypot(vector[0] - along[0], vector[1] - along[1]) < 1e-4, `${vector}`);
+    }
+  }
+});
+
+const oblong = { halfLengthM: 0.0185, halfWidthM: 0.007, angle: 0.7 };
+test("form: known only with its direction and both sizes", () => {
+  const known = contact(1, { theta: 2, z: 0.1, force: 1, form: oblong }, 0);
+  const form = contactForm(known);
+  assert.deepEqual([form.halfLengthM, form.halfWidthM], [0.0185, 0.007]);
+  const { normal } = known;
+  const turned = [0, 1, 2].map((k) => normal[(k + 1) % 3] * form.along[(k + 2) % 3] - normal[(k + 2) % 3] * form.along[(k + 1) % 3]);
+  assert.ok(Math.hypot(...form.across.map((value, k) => value - turned[k])) < 1e-12);
+  for (const unknown of [{ direction: [null, null, null] }, { direction: [1, 0, null] }, { half_length_m: null }, { half_width_m: null }])
+    assert.equal(contactForm({ ...known, ...unknown }), null);
+  assert.equal(contactForm({ ...known, half_width_m: 0.0001 }).halfWidthM, LEAST_RADIUS_M);
+});
+
+test("form: on a cylinder its points are those of the layout, on a plane those of the tangent plane", () => {
+  const body = scene();
+  const flat = new Flat(body, body.unrolled);
+  const [theta, z] = [2, 0.1];
+  const middle = contact(1, { theta, z, force: 1, form: oblong }, 0);
+  const form = contactForm(middle);
+  for (const [along, across] of [[0.03, 0], [0, -0.02], [-0.04, 0.03]]) {
+    const local = pointOnSkin(form, body.surface, [along, across, 0]);
+    const point = [0, 1, 2].map((k) => middle.position_m[k] + local[0] * form.along[k] + local[1] * form.across[k] + local[2] * middle.normal[k]);
+    const [cos, sin] = [Math.cos(oblong.angle), Math.sin(oblong.angle)];
+    const expected = flat.toSpace([RADIUS_M * theta + along * cos - across * sin, z + along * sin + across * cos]);
+    assert.ok(Math.hypot(...point.map((value, k) => value - expected[k])) < 1e-12, `${point} is not ${expected}`);
+    for (const kind of ["plane", "free"]) assert.deepEqual(pointOnSkin(form, { kind }, [along, across, 0.001]), [along, across, 0.001]);
+  }
+  const [x, y, out] = pointOnSkin(form, body.surface, [0, 0, 0.001]);
+  assert.ok(Math.hypot(x, y, out - 0.001) < 1e-12);
+});
+
+test("format: length and width of a contact in millimetres", () => {
+  const touch = { theta: 2, z: 0.1, force: 1 };
+  assert.equal(formText(contact(1, { ...touch, form: oblong }, 0)), "37 × 14 mm");
+  assert.equal(formText(contact(1, touch, 0)), "");
 });
 
 function painted(body, image) {

@@ -18,10 +18,10 @@ const UNITS: [f64; UNKNOWNS] = [1e-3, 1e-3, 0.2, 2e-3, 2e-3, 0.2, 0.2, 0.2];
 const LONGEST: [f64; UNKNOWNS] = [5.0, 5.0, 2.0, 4.0, 4.0, 4.0, 2.0, 2.0];
 /// From contacts that are a few millimetres off, six steps are usually enough. A step shorter than 20 um is the last one.
 const STEPS: Steps = Steps {
-    most: 20,
+    most: 40,
     control: Control::Damping { first: 1e-3, down: 0.2, up: 10.0 },
     shortest: 0.02,
-    least_decrease: 0.0,
+    least_decrease: 3e-5,
 };
 /// The logarithm of the range of strengths that a touch may have: from noise to the strongest press.
 const STRENGTHS: f64 = 7.0;

@@ -51,7 +51,7 @@ use crate::forward::{ForwardError, ForwardModel};
 use crate::geom::Point3;
 use crate::mesh::Cells;
 use fit::{Fit, Fitted, Touch, UNKNOWNS};
-use form::Density;
+use form::{Density, Form};
 use responses::Responses;
 use thiserror::Error;
 
@@ -187,7 +187,8 @@ impl Refiner {
     /// The change of a frame by a touch at a position, round and even, with a strength (relative change of conductance times
     /// area, m2); ohm. Channels that are left out are 0.
     pub fn change(&self, position_m: Point3, strength_m2: f64) -> Vec<f64> {
-        self.responses.change(&self.responses.space().place(position_m), strength_m2)
+        let place = self.responses.space().place(position_m);
+        self.responses.change(&place, &Form::default(), [0.0; 2], strength_m2)
     }
 
     /// Refines contacts from the difference that they were detected in, ohm: their places and strengths, their forms,

@@ -11,7 +11,7 @@ use crate::forward::ForwardModel;
 use crate::frame::quantities;
 use crate::geom::vector::{dot, sub};
 use crate::geom::{Point2, Point3};
-use crate::linalg::Matrix;
+use crate::linalg::{Matrix, add_scaled};
 use crate::mesh::Mesh;
 use faer::{Mat, MatRef, Side};
 use pulp::{Simd, WithSimd};
@@ -245,10 +245,15 @@ impl Responses {
         self.values.iter().zip(&self.sd_ohm).map(value).collect()
     }
 
-    /// The change of a frame by a round, even touch of a strength, ohm.
-    pub(super) fn change(&self, place: &Place, strength_m2: f64) -> Vec<f64> {
-        let [value, ..] = self.response(place, &Form::default(), [0.0; 2]).columns;
-        let mut whitened = self.basis.transposed().times(&Matrix { rows: self.basis.rows, columns: 1, values: value[..self.basis.rows].to_vec() }).values;
+    /// The change of a frame by a touch of a strength, ohm.
+    pub(super) fn change(&self, place: &Place, form: &Form, uneven: Point2, strength_m2: f64) -> Vec<f64> {
+        let [mut value, first, second, ..] = self.response(place, form, uneven).columns;
+        add_scaled(&mut value, uneven[0], &first);
+        add_scaled(&mut value, uneven[1], &second);
+        let mut whitened = vec![0.0; self.values.len()];
+        for (row, value) in value.iter().take(self.basis.rows).enumerate() {
+            add_scaled(&mut whitened, *value, self.basis.row(row));
+        }
         self.whitening.undo(&mut whitened);
         let mut change = vec![0.0; self.channel_count];
         for ((value, sd), response) in self.values.iter().zip(&self.sd_ohm).zip(&whitened) {
