@@ -82,15 +82,16 @@ fn expected_of(reference: &Reference, frame: &LiveFrame) -> Value {
 
 /// The numbers of a contact in a point cloud.
 fn point(tracked: &TrackedContact) -> Value {
-    let Contact { id, position_m, normal, force_n, force_sd_n, strength, area_m2, sd_m, confidence, conductance } =
-        tracked.contact;
+    let Contact { id, position_m, normal, force_n, force_sd_n, strength, area_m2, direction, .. } = tracked.contact;
+    let Contact { half_length_m, half_width_m, sd_m, confidence, conductance, .. } = tracked.contact;
     let TrackedContact { centroid_m, centre_of_pressure_m, velocity_m_s, seen, age_s, .. } = tracked;
-    let numbers =
-        json!([force_n, force_sd_n, strength, area_m2, sd_m, confidence, conductance.map(|change| change.sign())]);
+    let numbers = json!([force_n, force_sd_n, strength, area_m2]);
+    let form = json!([half_length_m, half_width_m, sd_m, confidence, conductance.map(|change| change.sign())]);
     let ends = json!([u8::from(*seen), age_s, id]);
-    let vectors = [position_m, normal, *centroid_m, *centre_of_pressure_m, *velocity_m_s].map(|vector| json!(vector));
-    let [position_m, normal, centroid_m, centre_of_pressure_m, velocity_m_s] = vectors;
-    let parts = [position_m, normal, numbers, centroid_m, centre_of_pressure_m, velocity_m_s, ends];
+    let vectors = [position_m, normal, direction, *centroid_m, *centre_of_pressure_m, *velocity_m_s];
+    let [position_m, normal, direction, centroid_m, centre_of_pressure_m, velocity_m_s] =
+        vectors.map(|vector| json!(vector));
+    let parts = [position_m, normal, numbers, direction, form, centroid_m, centre_of_pressure_m, velocity_m_s, ends];
     parts.iter().flat_map(|part| part.as_array().expect("an array").clone()).collect()
 }
 

@@ -100,9 +100,11 @@ impl ChannelNoise {
         };
         let Moments { mean, variance, weights } = moments(&frames, &finite);
         let freedom = (weights.iter().sum::<f64>() - 1.0).max(1.0);
-        let usual: Vec<&[f64]> = frames.iter().zip(&weights).filter(|(_, weight)| **weight >= 1.0).map(|(one, _)| *one).collect();
+        let usual: Vec<&[f64]> =
+            frames.iter().zip(&weights).filter(|(_, weight)| **weight >= 1.0).map(|(one, _)| *one).collect();
         noise.offset_ohm = mean_of(&frames, &vec![1.0; frames.len()]).iter().zip(&mean).map(|(a, b)| a - b).collect();
-        let pooled = noise.groups.clone().map(|group| noise.shrink(&group, &variance, freedom, step_ohm(&usual, &group)));
+        let pooled =
+            noise.groups.clone().map(|group| noise.shrink(&group, &variance, freedom, step_ohm(&usual, &group)));
         match pooled {
             [None, None] => noise.without_scatter(&mean, protocol),
             // A group without scatter has that of the other.

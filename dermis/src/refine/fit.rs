@@ -267,11 +267,19 @@ impl Fit<'_> {
 
     /// The most probable touches near those detected, and their most probable number.
     pub(super) fn run(&self, detected: Vec<Touch>) -> Fitted {
-        let none = Fitted { evidence: self.cost_of(dot(self.values, self.values)), covariance: Matrix::zeros(0, 0), state: self.state(Vec::new()) };
+        let none = Fitted {
+            evidence: self.cost_of(dot(self.values, self.values)),
+            covariance: Matrix::zeros(0, 0),
+            state: self.state(Vec::new()),
+        };
         let start = if detected.is_empty() { None } else { self.start(detected).and_then(|state| self.fitted(state)) };
         let mut best = start.unwrap_or(none);
         for _ in 0..MOST_CHANGES {
-            let better = self.joined(&best).or_else(|| self.split(&best)).or_else(|| self.more(&best)).or_else(|| self.fewer(&best));
+            let better = self
+                .joined(&best)
+                .or_else(|| self.split(&best))
+                .or_else(|| self.more(&best))
+                .or_else(|| self.fewer(&best));
             let Some(better) = better else { break };
             best = better;
         }
@@ -345,7 +353,8 @@ impl Fit<'_> {
         }
         let places = self.responses.likeliest(&from.state.residuals, MORE_TRIED);
         // At its most probable place a touch is known to about its width, which leaves the odds of the area.
-        let least = 2.0 * (self.options.log_odds + (self.responses.area_m2() / (TAU * self.responses.usual_m().powi(2))).ln());
+        let least =
+            2.0 * (self.options.log_odds + (self.responses.area_m2() / (TAU * self.responses.usual_m().powi(2))).ln());
         let weight = self.weight_at(&from.state);
         let tried: Vec<Vec<Touch>> = (places.into_iter().filter(|(_, explained)| weight * explained > least))
             .map(|(place, _)| vec![Touch::at(place, None)])
@@ -363,7 +372,11 @@ impl Fit<'_> {
         }
         if count == 1 {
             let empty = self.state(Vec::new());
-            return (empty.cost < from.evidence).then(|| Fitted { evidence: empty.cost, covariance: Matrix::zeros(0, 0), state: empty });
+            return (empty.cost < from.evidence).then(|| Fitted {
+                evidence: empty.cost,
+                covariance: Matrix::zeros(0, 0),
+                state: empty,
+            });
         }
         self.changed(from, &[weakest], Vec::new())
     }

@@ -76,8 +76,7 @@ impl Density {
         let square_length = radius_m * (radius_m + 2.0 * usual_m);
         Density {
             half_length_m: square_length.sqrt(),
-            variance_m2: square_width_m2
-                * (1.0 - 0.5 * square_length / (3.0 * square_width_m2 + square_length)),
+            variance_m2: square_width_m2 * (1.0 - 0.5 * square_length / (3.0 * square_width_m2 + square_length)),
             axis: [angle.cos(), angle.sin()],
             double,
             radius_m,
@@ -193,7 +192,8 @@ mod tests {
             let (step, count) = (2e-4, 320);
             let (mut sum, mut squares, mut product) = (0.0, [0.0; 2], 0.0);
             for k in 0..(2 * count + 1) * (2 * count + 1) {
-                let at = [k % (2 * count + 1), k / (2 * count + 1)].map(|i| step * (i as f64 - f64::from(count as u32)));
+                let at =
+                    [k % (2 * count + 1), k / (2 * count + 1)].map(|i| step * (i as f64 - f64::from(count as u32)));
                 let [x, y] = density.local(at);
                 let part = density.at(at)[0] * step * step;
                 sum += part;
@@ -227,7 +227,10 @@ mod tests {
                     let step = if unknown == 2 { 1e-3 } else { 1e-5 };
                     let expected = (at(unknown, step) - at(unknown, -step)) / (2.0 * step);
                     let scale = found[0] / if unknown == 2 { 1.0 } else { USUAL_M };
-                    assert!((derivative - expected).abs() < 5e-3 * scale, "{form:?} {unknown}: {derivative} {expected}");
+                    assert!(
+                        (derivative - expected).abs() < 5e-3 * scale,
+                        "{form:?} {unknown}: {derivative} {expected}"
+                    );
                 }
             }
         }

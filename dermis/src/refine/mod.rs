@@ -163,7 +163,8 @@ impl Refiner {
             ("coating_drift", options.coating_drift),
             ("contact_drift", options.contact_drift),
         ];
-        let is_wrong = |&(_, value): &(&str, f64), least: bool| !(value.is_finite() && (value > 0.0 || least && value == 0.0));
+        let is_wrong =
+            |&(_, value): &(&str, f64), least: bool| !(value.is_finite() && (value > 0.0 || least && value == 0.0));
         let wrong = positive.into_iter().find(|option| is_wrong(option, false));
         if let Some((field, value)) = wrong.or_else(|| others.into_iter().find(|option| is_wrong(option, true))) {
             return Err(RefineError::Option { field, value });

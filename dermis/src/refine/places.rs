@@ -29,9 +29,8 @@ impl Space {
         if let Some(chart) = body.chart() {
             return Space::Chart(body.surface(), chart);
         }
-        let corners = |cell: usize| -> [Point3; 3] {
-            std::array::from_fn(|corner| mesh.nodes[mesh.cells.corners(cell)[corner]])
-        };
+        let corners =
+            |cell: usize| -> [Point3; 3] { std::array::from_fn(|corner| mesh.nodes[mesh.cells.corners(cell)[corner]]) };
         let triangles: Vec<[Point3; 3]> = (0..mesh.cell_count()).map(corners).collect();
         let normal = |[a, b, c]: &[Point3; 3]| normalize(cross(sub(*b, *a), sub(*c, *a)));
         let normals = triangles.iter().map(normal).collect();

@@ -137,7 +137,8 @@ impl Responses {
     fn fill(&mut self, model: &ForwardModel, order: &[usize]) -> Result<(), RefineError> {
         let potentials = model.potentials(model.rest_conductivity())?;
         let of_cell = |index: usize| self.cell_changes(model, &potentials, order[index], &self.cells[index].place);
-        let sample: Vec<Vec<f64>> = (0..order.len()).into_par_iter().step_by(BASIS_STRIDE).flat_map_iter(of_cell).collect();
+        let sample: Vec<Vec<f64>> =
+            (0..order.len()).into_par_iter().step_by(BASIS_STRIDE).flat_map_iter(of_cell).collect();
         let basis = basis(&sample);
         let count = basis.rows.next_multiple_of(BLOCK);
         let mut table = vec![0.0f32; order.len() * 3 * count];
@@ -199,7 +200,8 @@ impl Responses {
             value.into_iter().map(|value| (value / norm) as f32).collect::<Vec<f32>>()
         });
         let responses: Vec<Vec<f32>> = responses.collect();
-        let value = |block: &[Vec<f32>], value: usize, lane: usize| block.get(lane).map_or(0.0, |response| response[value]);
+        let value =
+            |block: &[Vec<f32>], value: usize, lane: usize| block.get(lane).map_or(0.0, |response| response[value]);
         let of_block = |block: &[Vec<f32>]| -> Vec<f32> {
             (0..self.count * PLACES).map(|k| value(block, k / PLACES, k % PLACES)).collect()
         };
@@ -217,7 +219,8 @@ impl Responses {
         let apart_m = APART * self.usual_m;
         while found.len() < most {
             let is_apart = |place: &Place| found.iter().all(|(other, _)| self.space.distance_m(place, other) > apart_m);
-            let rest = self.searched.iter().zip(&explained).filter(|(place, explained)| **explained > 0.0 && is_apart(place));
+            let rest =
+                self.searched.iter().zip(&explained).filter(|(place, explained)| **explained > 0.0 && is_apart(place));
             let Some((place, best)) = rest.max_by(|a, b| a.1.total_cmp(b.1)) else { break };
             found.push((*place, f64::from(*best).powi(2)));
         }
@@ -334,7 +337,8 @@ fn signs(model: &ForwardModel) -> Result<Vec<f64>, RefineError> {
 /// The values of a frame that are fitted: each the mean of the usable channels of a quantity, with its standard
 /// deviation.
 fn values(model: &ForwardModel, noise_ohm: &[f64], signs: &[f64]) -> (Vec<Vec<(usize, f64)>>, Vec<f64>) {
-    let is_usable = |channel: usize| noise_ohm[channel].is_finite() && noise_ohm[channel] > 0.0 && signs[channel] != 0.0;
+    let is_usable =
+        |channel: usize| noise_ohm[channel].is_finite() && noise_ohm[channel] > 0.0 && signs[channel] != 0.0;
     let mut all = (Vec::new(), Vec::new());
     for group in quantities(model.protocol()) {
         let channels: Vec<(usize, f64)> = group.into_iter().filter(|&(channel, _)| is_usable(channel)).collect();
@@ -392,7 +396,8 @@ impl WithSimd for Sum<'_> {
             let mut sums = [[0.0f32; BLOCK]; COLUMNS];
             for Part { cell, weights, double: [c, s] } in self.parts {
                 let rows = &self.responses.table[cell * 3 * count..][..3 * count];
-                let row = |k: usize| -> &[f32; BLOCK] { rows[k * count + from..][..BLOCK].try_into().expect("a block") };
+                let row =
+                    |k: usize| -> &[f32; BLOCK] { rows[k * count + from..][..BLOCK].try_into().expect("a block") };
                 let (even, first, second) = (row(0), row(1), row(2));
                 for lane in 0..BLOCK {
                     let own = [even[lane], c * first[lane] + s * second[lane], c * second[lane] - s * first[lane]];

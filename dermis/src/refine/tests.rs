@@ -4,8 +4,8 @@ use crate::detect::REGION_95_SD;
 use crate::geom::Surface;
 use crate::mesh::Mesh;
 use crate::stats::quantile;
-use rand::RngExt;
 use dermis_sim::random::{sample_rng, standard_normal};
+use rand::RngExt;
 
 fn refiner(noise_ohm: f64, options: RefineOptions) -> (SkinDesign, Refiner) {
     let design = SkinDesign::shipped("cylinder30").unwrap();
@@ -117,7 +117,8 @@ fn regions_hold_for_touches_of_the_priors() {
                 return [radius * angle.cos(), radius * angle.sin()];
             }
         };
-        let (oblong_m, uneven) = (vector(options.length_m, 3.0 * options.length_m), vector(options.unevenness, 3.0 * options.unevenness));
+        let (oblong_m, uneven) =
+            (vector(options.length_m, 3.0 * options.length_m), vector(options.unevenness, 3.0 * options.unevenness));
         let log_width = options.width_ratio.ln() * (std::f64::consts::PI * (uniform() - 0.5)).tan();
         let form = form::Form { log_width: log_width.clamp(-1.0, 1.0), oblong_m };
         let position_m = surface.at(0.03 + 0.24 * uniform(), std::f64::consts::TAU * uniform()).unwrap();
@@ -144,8 +145,7 @@ fn a_contact_of_two_touches_is_split() {
     let noise_ohm = 0.06;
     let (design, refiner) = refiner(noise_ohm, RefineOptions::default());
     let surface = design.body.surface();
-    for (direction, is_two) in
-        [([0.02, 0.0], true), ([0.0, 0.02], true), ([0.0141, -0.0141], true), ([0.0; 2], false)]
+    for (direction, is_two) in [([0.02, 0.0], true), ([0.0, 0.02], true), ([0.0141, -0.0141], true), ([0.0; 2], false)]
     {
         let middle = surface.at(0.17, 2.0).unwrap();
         let places = [1.0, -1.0].map(|sign| moved(&surface, middle, direction.map(|by| sign * by)));
@@ -297,9 +297,7 @@ fn bad_input_is_refused_with_its_name() {
     let good = RefineOptions::default();
     let noise = vec![0.1; 208];
     assert!(refused(&noise, RefineOptions { width_m: 0.0, ..good }).starts_with("`width_m` is 0"));
-    assert!(
-        refused(&noise, RefineOptions { length_m: f64::NAN, ..good }).starts_with("`length_m` is NaN")
-    );
+    assert!(refused(&noise, RefineOptions { length_m: f64::NAN, ..good }).starts_with("`length_m` is NaN"));
     assert!(refused(&noise, RefineOptions { contact_drift: -0.1, ..good }).starts_with("`contact_drift` is -0.1"));
     assert!(refused(&noise, RefineOptions { grain_m: -1.0, ..good }).starts_with("`grain_m` is -1"));
     assert!(refused(&[0.1; 3], good).contains("3 standard deviations, but the protocol has 208 channels"));
