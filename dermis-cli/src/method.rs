@@ -5,13 +5,14 @@ use crate::console::{Progress, warn};
 use crate::failure::{Failure, Outcome};
 use crate::range::number;
 use clap::{Args, ValueEnum};
+use dermis::design::SkinDesign;
 use dermis::detect::{DetectOptions, Detector};
 use dermis::estimate::noise::ChannelNoise;
-use dermis::frame::{Differences, Frame, read_frames_without};
+use dermis::frame::{Differences, Frame, broken_channels, disconnected_electrodes, read_frames_without};
 use dermis::method::{Method, MethodOptions, Methods, is_path};
 use dermis::reconstruct::{Alpha, Difference, Reconstruct};
 use dermis::skin::Skin;
-use dermis::text::counted;
+use dermis::text::{counted, number_of, ranges, shortened};
 use dermis_calibrate::Calibration;
 use dermis_learn::Model;
 use dermis_sim::evaluate::{AlignMethod, AlignOptions, PressEstimates, Screen};
@@ -138,10 +139,19 @@ impl MethodArguments {
         Some(Path::new(self.name())).filter(|folder| is_path(self.name()) && Calibration::is_folder(folder))
     }
 
-    /// Prepares the method for a skin. Rules that choose alpha from data use the differences.
+    /// Prepares the method for a skin, without the channels that the untouched frames show to be broken, which a warning
+    /// names. Rules that choose alpha from data use the differences.
     pub fn prepare(&self, skin: &Skin, differences: &Differences) -> Outcome<Method> {
         let _waiting = Progress::waiting("preparing the method");
-        let method = dermis_learn::methods().method(skin, self.name(), &self.options(skin, differences)?)?;
+        let mut options = self.options(skin, differences)?;
+        let mut broken = broken_channels(&differences.untouched);
+        broken.retain(|channel| !options.excluded.contains(channel));
+        if !broken.is_empty() {
+            warn(&left_out_text(skin.design(), &broken));
+            options.excluded.extend(broken);
+            options.excluded.sort_unstable();
+        }
+        let method = dermis_learn::methods().method(skin, self.name(), &options)?;
         let method = method.adapted(differences)?;
         if let Some(text) = method.reconstruct().warning() {
             warn(text);
@@ -249,4 +259,21 @@ impl MethodArguments {
         let fix = "give the folder with --method, as in --method ./my-model";
         Err(Failure::given(format!("{option} needs the folder of a network"), Some(fix)))
     }
+}
+
+/// What is left out, and which electrodes explain it.
+fn left_out_text(design: &SkinDesign, broken: &[usize]) -> String {
+    let protocol = &design.protocol;
+    let electrodes = disconnected_electrodes(protocol, |channel| broken.binary_search(&channel).is_err());
+    let reason = if electrodes.is_empty() {
+        String::new()
+    } else {
+        format!("; no current flows through {} {}", number_of(electrodes.len(), "electrode"), ranges(&electrodes))
+    };
+    format!(
+        "{} of {} scatter in the untouched frames far more than the others and are left out ({}){reason}",
+        counted(broken.len(), "channel"),
+        protocol.channel_count(),
+        shortened(&ranges(broken), 100),
+    )
 }

@@ -26,7 +26,7 @@ pub fn broken_channels(untouched: &[Frame]) -> Vec<usize> {
 
 /// The electrodes that carry no current, ascending: most channels of each of their drives are unusable. Where two electrodes
 /// are driven with each other alone, it is both of them.
-pub(crate) fn disconnected_electrodes(protocol: &Protocol, is_usable: impl Fn(usize) -> bool) -> Vec<usize> {
+pub fn disconnected_electrodes(protocol: &Protocol, is_usable: impl Fn(usize) -> bool) -> Vec<usize> {
     let (drives, drive_of) = protocol.drives();
     let mut counts = vec![[0usize; 2]; drives.len()];
     for (channel, &drive) in drive_of.iter().enumerate() {

@@ -12,8 +12,7 @@ mod reciprocity;
 mod table;
 mod truth;
 
-pub use broken::broken_channels;
-pub(crate) use broken::disconnected_electrodes;
+pub use broken::{broken_channels, disconnected_electrodes};
 pub use currents::DriveCurrents;
 pub use differences::Differences;
 pub use lines::{FrameLine, FrameLines, LineError};

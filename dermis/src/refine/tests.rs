@@ -286,6 +286,49 @@ fn contacts_that_do_not_fit_are_kept() {
     refiner.refine(&vec![0.0; 870], &mut contacts);
 }
 
+/// The same body known only by its mesh: places are those of its chart.
+#[test]
+fn a_body_without_a_chart_has_the_same_contacts() {
+    let (design, with_chart) = refiner(0.1, RefineOptions::default());
+    let model = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
+    let body = Body::Mesh { path: "cylinder.stl".into(), unit_m: 1.0 };
+    let noise = vec![0.1; model.protocol().channel_count()];
+    let free = Refiner::new(&body, &model, &noise, RefineOptions::default()).unwrap();
+    let surface = design.body.surface();
+    for (z_m, theta_rad) in [(0.15, 1.0), (0.22, 3.1), (0.05, 5.5)] {
+        let place = surface.at(z_m, theta_rad).unwrap();
+        let mut contacts = vec![contact(moved(&surface, place, [3e-3, -2e-3]))];
+        free.refine(&with_chart.change(place, 5e-5), &mut contacts);
+        let off_m = surface.distance_m(contacts[0].position_m, place);
+        println!("{off_m:.1e} m");
+        // The triangles are flat: their centres are up to 0.1 mm inside of the cylinder.
+        assert!(contacts.len() == 1 && off_m < 4e-4, "{off_m}");
+        assert!(crate::geom::vector::dot(contacts[0].normal, surface.normal(place).unwrap()) > 0.99);
+    }
+}
+
+/// An instrument without signs: those of the model are used.
+#[test]
+fn amplitudes_give_the_contacts_of_signed_values() {
+    let mut design = SkinDesign::shipped("cylinder30").unwrap();
+    let mesh = Mesh::generate(&design).unwrap();
+    let signed = ForwardModel::new(&design, &mesh).unwrap();
+    design.protocol = design.protocol.clone().with_amplitude_only(true);
+    let model = ForwardModel::new(&design, &mesh).unwrap();
+    let noise = vec![0.1; 870];
+    let [of_signed, of_amplitudes] =
+        [&signed, &model].map(|model| Refiner::new(&design.body, model, &noise, RefineOptions::default()).unwrap());
+    let surface = design.body.surface();
+    let place = surface.at(0.12, 2.0).unwrap();
+    let rest = signed.solve(signed.rest_conductivity()).unwrap();
+    let change = of_signed.change(place, 5e-5).into_iter().zip(rest.iter());
+    let amplitudes: Vec<f64> = change.map(|(change, rest)| (rest + change).abs() - rest.abs()).collect();
+    let mut contacts = vec![contact(moved(&surface, place, [3e-3, -2e-3]))];
+    of_amplitudes.refine(&amplitudes, &mut contacts);
+    let off_m = surface.distance_m(contacts[0].position_m, place);
+    assert!(contacts.len() == 1 && off_m < 5e-5, "{off_m}");
+}
+
 #[test]
 fn bad_input_is_refused_with_its_name() {
     let mut design = SkinDesign::shipped("tank16").unwrap();
