@@ -128,15 +128,16 @@ impl Responses {
             DriftSpread { sheet: options.coating_drift, contact: options.contact_drift, ..DriftSpread::default() };
         let drifts = directions(model, &spread)?;
         responses.whitening = Whitening::new((0..drifts.rows).map(|row| responses.over_noise(drifts.row(row))));
-        responses.fill(model, &order)?;
+        responses.fill(model, &order, &signs)?;
         responses.prepare_search();
         Ok(responses)
     }
 
     /// Computes the table: the whitened change of the values by each tensor on each cell, in a basis of what touches change.
-    fn fill(&mut self, model: &ForwardModel, order: &[usize]) -> Result<(), RefineError> {
+    fn fill(&mut self, model: &ForwardModel, order: &[usize], signs: &[f64]) -> Result<(), RefineError> {
         let potentials = model.potentials(model.rest_conductivity())?;
-        let of_cell = |index: usize| self.cell_changes(model, &potentials, order[index], &self.cells[index].place);
+        let of_cell =
+            |index: usize| self.cell_changes(model, &potentials, signs, order[index], &self.cells[index].place);
         let sample: Vec<Vec<f64>> =
             (0..order.len()).into_par_iter().step_by(BASIS_STRIDE).flat_map_iter(of_cell).collect();
         let basis = basis(&sample);
@@ -157,7 +158,14 @@ impl Responses {
     /// The whitened changes of the values by a relative change of the conductance of a cell, over its area: even, along the
     /// first axis less along the second, and along both. With the fields `u` of a drive and `m` of a measured pair the
     /// voltage changes by `-sigma (S grad u) . grad m` times the area (Geselowitz, 1971, DOI 10.1109/TBME.1971.4502787).
-    fn cell_changes(&self, model: &ForwardModel, potentials: &Matrix, cell: usize, place: &Place) -> [Vec<f64>; 3] {
+    fn cell_changes(
+        &self,
+        model: &ForwardModel,
+        potentials: &Matrix,
+        signs: &[f64],
+        cell: usize,
+        place: &Place,
+    ) -> [Vec<f64>; 3] {
         let gradients = Gradients::new(model.mesh(), cell);
         let corners = model.mesh().cells.corners(cell);
         let mut fields = vec![[0.0; 2]; potentials.columns];
@@ -177,7 +185,7 @@ impl Responses {
             for &(channel, weight) in value {
                 let [u, m] = [channels[channel].drive, channels[channel].measure]
                     .map(|[from, to]| [fields[from][0] - fields[to][0], fields[from][1] - fields[to][1]]);
-                let scale = weight * factor / sd;
+                let scale = weight * signs[channel] * factor / sd;
                 sums[0] += scale * (u[0] * m[0] + u[1] * m[1]);
                 sums[1] += scale * (u[0] * m[0] - u[1] * m[1]);
                 sums[2] += scale * (u[0] * m[1] + u[1] * m[0]);
