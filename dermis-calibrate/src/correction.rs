@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 /// Fewest presses that the method must find.
 pub(crate) const FEWEST_FOUND: usize = 20;
 /// A contact further from the label is not that press, m.
-const GATE_M: f64 = dermis::detect::GATE_M;
+const GATE_M: f64 = dermis::contact::GATE_M;
 /// Typical length over which errors of a method vary, as a part of the size of the skin.
 const LENGTH_PART: f64 = 0.1;
 

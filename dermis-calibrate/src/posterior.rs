@@ -15,7 +15,7 @@ const PARTS: usize = 5;
 /// Triangles that are divided, at most: a posterior that is wider needs no finer resolution.
 const MOST_DIVIDED: usize = 400;
 /// A contact counts as found if it lies within this distance, m: the gate of scores and confidences.
-const GATE_M: f64 = dermis::detect::GATE_M;
+const GATE_M: f64 = dermis::contact::GATE_M;
 
 /// What a frame states about the position of a press.
 pub(crate) struct Posterior<'a> {

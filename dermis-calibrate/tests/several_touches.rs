@@ -3,8 +3,8 @@
 //! `cargo test --release -p dermis-calibrate --test several_touches -- --ignored --nocapture` prints the table of
 //! `docs/calibration.md`. The touches that are scored are never labels.
 
-use dermis::contact::Contact;
-use dermis::detect::{Detector, REGION_95_SD};
+use dermis::contact::{Contact, REGION_95_SD};
+use dermis::detect::Detector;
 use dermis::frame::Frame;
 use dermis::method::{Method, MethodOptions, Methods};
 use dermis::skin::Skin;

@@ -11,6 +11,13 @@ use crate::geom::Point3;
 use FieldKind::{Change, Count, Number};
 use serde::{Deserialize, Deserializer, Serialize};
 
+/// A true contact counts as found within this distance: the gate of the scores, m.
+pub const GATE_M: f64 = 0.02;
+
+/// The radius, in standard deviations per axis, that contains 95 % of a two-dimensional Gaussian: the square root of
+/// `-2 ln 0.05`.
+pub const REGION_95_SD: f64 = 2.447_746_830_680_816;
+
 /// One contact on the skin, true or estimated.
 ///
 /// An unknown quantity is `NaN`, in JSON `null` (ground truth has no standard deviation, uncalibrated estimates have no

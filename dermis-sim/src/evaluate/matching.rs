@@ -1,7 +1,6 @@
 //! Assignment of contacts to true touches.
 
-use dermis::contact::Contact;
-use dermis::detect::GATE_M;
+use dermis::contact::{Contact, GATE_M};
 use dermis::geom::Surface;
 use dermis::linalg::smallest_total;
 

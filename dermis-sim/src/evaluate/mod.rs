@@ -1,7 +1,7 @@
 //! Scores of contacts against the ground truth.
 //!
 //! Ground truth and estimate are matched one to one by the smallest total distance along the surface; a pair farther
-//! apart than the [gate](dermis::detect::GATE_M) is a miss and a false positive. See `docs/conventions.md`.
+//! apart than the [gate](dermis::contact::GATE_M) is a miss and a false positive. See `docs/conventions.md`.
 //!
 //! ```
 //! use dermis::contact::Contact;

@@ -4,7 +4,7 @@ use super::bench::{Bench, Pressed};
 use super::scale::{CHOOSING_SEED, Scale};
 use crate::Result;
 use crate::comparison::{LINEAR, Named, Shown};
-use dermis::detect::GATE_M;
+use dermis::contact::GATE_M;
 use dermis::reconstruct::Alpha;
 use dermis_sim::evaluate::Score;
 use serde::{Deserialize, Serialize};

@@ -18,7 +18,7 @@ pub use forces::Forces;
 pub use noise::ImageNoise;
 pub use spread::{Circumstances, Factor, Misplacement, PositionSpread, blur_share};
 
-use crate::contact::{ConductanceChange, Contact};
+use crate::contact::{ConductanceChange, Contact, GATE_M};
 use crate::geom::Surface;
 use crate::geom::vector::{Point3, dot, normalize, scale, sub};
 use crate::image::Image;
@@ -101,13 +101,6 @@ impl DetectOptions {
         self.forces.as_ref().map_or(Ok(()), Forces::check)
     }
 }
-
-/// A true contact counts as found within this distance: the gate of the scores, m.
-pub const GATE_M: f64 = 0.02;
-
-/// The radius, in standard deviations per axis, that contains 95 % of a two-dimensional Gaussian: the square root of
-/// `-2 ln 0.05`.
-pub const REGION_95_SD: f64 = 2.447_746_830_680_816;
 
 /// Pixels below this many standard deviations of noise have no weight in a centroid.
 const FLOOR_SD: f64 = 2.0;

@@ -1,6 +1,6 @@
 //! The position errors of contacts, measured on known touches.
 
-use crate::detect::REGION_95_SD;
+use crate::contact::REGION_95_SD;
 use crate::stats::order_statistic;
 use serde::{Deserialize, Serialize};
 

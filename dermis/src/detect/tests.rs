@@ -1,5 +1,5 @@
-use crate::contact::ConductanceChange;
-use crate::detect::{DetectOptions, Detector, GATE_M, ImageNoise, detect, normal_tail, whole_image_centroid};
+use crate::contact::{ConductanceChange, GATE_M};
+use crate::detect::{DetectOptions, Detector, ImageNoise, detect, normal_tail, whole_image_centroid};
 use crate::forward::Matrix;
 use crate::geom::Surface;
 use crate::image::tests::{bumps, cylinder_space};

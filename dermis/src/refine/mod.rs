@@ -44,9 +44,8 @@ mod responses;
 #[cfg(test)]
 mod tests;
 
-use crate::contact::Contact;
+use crate::contact::{Contact, GATE_M};
 use crate::design::Body;
-use crate::detect::GATE_M;
 use crate::forward::{ForwardError, ForwardModel};
 use crate::geom::Point3;
 use crate::mesh::Cells;

@@ -1,6 +1,6 @@
 use super::*;
+use crate::contact::REGION_95_SD;
 use crate::design::SkinDesign;
-use crate::detect::REGION_95_SD;
 use crate::geom::Surface;
 use crate::mesh::Mesh;
 use crate::stats::quantile;

@@ -1,8 +1,7 @@
 //! Coverage of the 95 % regions of positions.
 
 use crate::evaluate::match_contacts;
-use dermis::contact::Contact;
-use dermis::detect::REGION_95_SD;
+use dermis::contact::{Contact, REGION_95_SD};
 use dermis::geom::Surface;
 use serde::Serialize;
 

@@ -2,7 +2,8 @@
 
 use crate::experiment::UNTOUCHED_FRAMES;
 use crate::twin::{Press, Twin};
-use dermis::detect::{DetectOptions, GATE_M, ImageNoise};
+use dermis::contact::GATE_M;
+use dermis::detect::{DetectOptions, ImageNoise};
 use dermis::frame::{Frame, mean};
 use dermis::geom::Point3;
 use dermis::image::Image;
