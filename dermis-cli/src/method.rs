@@ -12,7 +12,7 @@ use dermis::frame::{Differences, Frame, broken_channels, disconnected_electrodes
 use dermis::method::{Method, MethodOptions, Methods, is_path};
 use dermis::reconstruct::{Alpha, Difference, Reconstruct};
 use dermis::skin::Skin;
-use dermis::text::{counted, number_of, ranges, shortened};
+use dermis::text::{counted, number_of, ranges};
 use dermis_calibrate::Calibration;
 use dermis_learn::Model;
 use dermis_sim::evaluate::{AlignMethod, AlignOptions, PressEstimates, Screen};
@@ -274,6 +274,6 @@ fn left_out_text(design: &SkinDesign, broken: &[usize]) -> String {
         "{} of {} scatter in the untouched frames far more than the others and are left out ({}){reason}",
         counted(broken.len(), "channel"),
         protocol.channel_count(),
-        shortened(&ranges(broken), 100),
+        ranges(broken),
     )
 }

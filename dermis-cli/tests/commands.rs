@@ -92,10 +92,36 @@ fn results_have_the_shapes_that_scripts_expect() {
     assert!(at.refused(&format!("reconstruct {input} -o images.mat")).contains(".npy, .npz, .csv or .vtu"));
     at.good(&format!("contacts {input} -o contacts.csv"));
     let contacts = std::fs::read_to_string(at.path("contacts.csv")).unwrap();
-    let header = "frame,id,x_m,y_m,z_m,normal_x,normal_y,normal_z,force_n,force_sd_n,strength,area_m2,sd_m,confidence,theta_rad\n";
+    let header = "frame,id,x_m,y_m,z_m,normal_x,normal_y,normal_z,force_n,force_sd_n,strength,area_m2,direction_x,direction_y,\
+                  direction_z,half_length_m,half_width_m,sd_m,confidence,theta_rad\n";
     assert!(contacts.starts_with(header), "{contacts}");
     let first: Vec<&str> = contacts.lines().nth(1).expect("a contact").split(',').collect();
-    assert_eq!((first.len(), first[14]), (15, ""), "theta is empty except on cylinders");
+    assert_eq!((first.len(), first[19]), (20, ""), "theta is empty except on cylinders");
+}
+
+/// A disconnected electrode shows in the untouched frames: its channels are left out, as with `--leave-out`.
+#[test]
+fn channels_that_scatter_in_the_untouched_frames_are_left_out() {
+    let at = Workplace::new();
+    at.frames();
+    let rest = &read_csv(&at.path("rest.csv"))[0];
+    let broken = [3, 4, 17];
+    let row = |k: usize| {
+        let value = |(channel, value): (usize, &f64)| {
+            let noise = ((7 * k * k + 13 * channel * (k + 1)) as f64).sin();
+            (value + noise * if broken.contains(&channel) { 50.0 } else { 1e-3 }).to_string()
+        };
+        rest.iter().enumerate().map(value).collect::<Vec<_>>().join(",")
+    };
+    at.write("untouched.csv", (0..20).map(|k| row(k) + "\n").collect::<String>());
+    let input = "contacts disk.toml --frames frames.csv --baseline untouched.csv --method noser";
+    let said = at.run(&format!("{input} -o found.csv"));
+    let warning = String::from_utf8_lossy(&said.stderr).into_owned();
+    assert!(warning.contains("3 channels of 40 scatter in the untouched frames"), "{warning}");
+    assert!(warning.contains("(3-4, 17)"), "{warning}");
+    at.good(&format!("{input} --leave-out 3,4,17 -o given.csv"));
+    let [found, given] = ["found.csv", "given.csv"].map(|name| std::fs::read_to_string(at.path(name)).unwrap());
+    assert!(found.lines().count() > 2 && found == given, "{found}{given}");
 }
 
 #[test]

@@ -296,7 +296,7 @@ impl Methods {
     }
 
     /// The names of all methods for a skin, the preferred one first: [`REFINED`](Self::REFINED) on a skin with methods of
-    /// other sources whose contacts can be refined.
+    /// other sources, whose instrument records signs, where contacts can be refined.
     ///
     /// # Errors
     /// A source whose names cannot be read.
@@ -304,7 +304,8 @@ impl Methods {
         let mut names = self.own_names(skin)?;
         if Refiner::check(skin.forward()).is_ok() {
             let is_linear = Self::LINEAR.contains(&names[0].as_str());
-            names.insert(if is_linear { names.len() } else { 0 }, Self::REFINED.into());
+            let is_last = is_linear || skin.design().protocol.amplitude_only();
+            names.insert(if is_last { names.len() } else { 0 }, Self::REFINED.into());
         }
         Ok(names)
     }

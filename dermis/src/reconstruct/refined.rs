@@ -4,6 +4,7 @@ use crate::contact::Contact;
 use crate::design::{SkinDesign, TouchEffect};
 use crate::detect::{DetectOptions, Forces};
 use crate::estimate::noise::ChannelNoise;
+use crate::estimate::scale;
 use crate::forward::{ForwardModel, Matrix};
 use crate::frame::{Frame, broken_channels, disconnected_electrodes};
 use crate::identify::{Identifier, IdentifyOptions};
@@ -20,7 +21,7 @@ const DRIVEN_NOISE: f64 = 2.0;
 const MOST_MISFIT: f64 = 4.0;
 /// Force of a fitted strength, for methods that state forces: presses of 1 to 5 N on the twins `lab` with the seeds 2001
 /// and 2002.
-const FORCES: Forces = Forces { newtons_per_strength: 16_200.0, relative_sd: 0.33, most_n: Some(7.5) };
+const FORCES: Forces = Forces { newtons_per_strength: 15_600.0, relative_sd: 0.33, most_n: Some(7.5) };
 
 /// A method whose contacts are [refined](Refiner) on the skin that its untouched frames [identify](Identifier).
 ///
@@ -42,18 +43,17 @@ pub struct Refined {
 enum Refinement {
     /// The method has not been adapted to untouched frames.
     NotAdapted,
-    Prepared(Arc<Refiner>),
+    /// With the factor from the model's frames to those of the instrument.
+    Prepared(Arc<Refiner>, f64),
     /// The skin is not one that the model describes.
-    Impossible {
-        warning: String,
-    },
+    Impossible { warning: String },
 }
 
 impl Refined {
     /// The refinement of a method's contacts on a skin, without some channels.
     ///
     /// # Errors
-    /// A skin on which contacts cannot be refined: without a chart, or whose instrument does not record signs.
+    /// A skin on which contacts cannot be refined: a volume.
     pub fn new(
         method: Arc<dyn Reconstruct>,
         design: &SkinDesign,
@@ -76,11 +76,14 @@ impl Refined {
 
     fn refinement(&self, rest: &Frame, untouched: &[Frame]) -> crate::Result<Refinement> {
         let sd_ohm = self.noise_ohm(untouched);
+        if self.design.protocol.amplitude_only() {
+            return self.of_amplitudes(rest, &sd_ohm);
+        }
         let of_mean: Vec<f64> = sd_ohm.iter().map(|sd| sd / (untouched.len() as f64).sqrt()).collect();
         let reason = match self.identifier()?.identify(rest, &of_mean) {
             Ok(skin) if skin.misfit <= MOST_MISFIT => {
                 let refiner = Refiner::new(&self.design.body, skin.model(), &sd_ohm, self.options)?;
-                return Ok(Refinement::Prepared(Arc::new(refiner)));
+                return Ok(Refinement::Prepared(Arc::new(refiner), 1.0));
             }
             Ok(skin) => format!("their misfit is {:.1}, the limit {MOST_MISFIT}", skin.misfit),
             // The search of a skin that explains other values leads to ones that cannot be solved.
@@ -89,6 +92,16 @@ impl Refined {
         let warning =
             format!("contacts are not refined: no skin of the model explains the untouched frames ({reason})");
         Ok(Refinement::Impossible { warning })
+    }
+
+    /// The refinement of frames without signs, which do not identify a skin: on the skin as designed.
+    fn of_amplitudes(&self, rest: &Frame, sd_ohm: &[f64]) -> crate::Result<Refinement> {
+        let model: Vec<f64> =
+            self.model.solve(self.model.rest_conductivity())?.iter().map(|value| value.abs()).collect();
+        let factor = scale::robust(rest, &model, (0..model.len()).filter(|&channel| sd_ohm[channel] > 0.0));
+        let sd_ohm: Vec<f64> = sd_ohm.iter().map(|sd| sd / factor).collect();
+        let refiner = Refiner::new(&self.design.body, &self.model, &sd_ohm, self.options)?;
+        Ok(Refinement::Prepared(Arc::new(refiner), factor))
     }
 
     /// The standard deviation of each channel in untouched frames, ohm; 0 for one that is left out, broken, constant, or uses a
@@ -141,14 +154,12 @@ impl Reconstruct for Refined {
 
     fn correct(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
         self.method.correct(difference, contacts);
-        let Refinement::Prepared(refiner) = &self.refinement else { return };
-        match self.design.sheet.touch {
-            TouchEffect::ConductanceRises => refiner.refine(difference, contacts),
-            TouchEffect::ConductanceFalls => {
-                let negated: Vec<f64> = difference.iter().map(|value| -value).collect();
-                refiner.refine(&negated, contacts);
-            }
-        }
+        let Refinement::Prepared(refiner, factor) = &self.refinement else { return };
+        let factor = match self.design.sheet.touch {
+            TouchEffect::ConductanceRises => *factor,
+            TouchEffect::ConductanceFalls => -factor,
+        };
+        refiner.refine(&difference.iter().map(|value| value / factor).collect::<Vec<f64>>(), contacts);
         if self.method.detection().forces.is_some() {
             for contact in contacts.iter_mut().filter(|contact| contact.force_n.is_nan()) {
                 [contact.force_n, contact.force_sd_n] = FORCES.of(contact.strength);
@@ -180,7 +191,7 @@ impl Reconstruct for Refined {
     fn warning(&self) -> Option<&str> {
         match &self.refinement {
             Refinement::Impossible { warning } => Some(warning),
-            Refinement::NotAdapted | Refinement::Prepared(_) => None,
+            Refinement::NotAdapted | Refinement::Prepared(..) => None,
         }
     }
 }
