@@ -307,7 +307,9 @@ fn tables_hold_what_was_recorded() {
     assert_eq!((ids.len(), ids[0], ids[1]), (converted.contacts, 7.0, 8.0));
     let contacts = std::fs::read_to_string(out.join("contacts.csv")).unwrap();
     assert_eq!(contacts.lines().count(), converted.contacts + 1);
-    assert!(contacts.starts_with("frame,measured_s,x_m,y_m,z_m,normal_x,normal_y,normal_z,force_n,force_sd_n,strength,area_m2,sd_m,confidence,conductance,"));
+    let header = "frame,measured_s,x_m,y_m,z_m,normal_x,normal_y,normal_z,force_n,force_sd_n,strength,area_m2,direction_x,\
+                  direction_y,direction_z,half_length_m,half_width_m,sd_m,confidence,conductance,";
+    assert!(contacts.starts_with(header), "{contacts}");
     let times = std::fs::read_to_string(out.join("times.csv")).unwrap();
     assert_eq!(times.lines().nth(1), Some("0,1767225600.000000000,1767225600.000300000"));
 }

@@ -21,7 +21,7 @@ const DRIVEN_NOISE: f64 = 2.0;
 const MOST_MISFIT: f64 = 4.0;
 /// Force of a fitted strength, for methods that state forces: presses of 1 to 5 N on the twins `lab` with the seeds 2001
 /// and 2002.
-const FORCES: Forces = Forces { newtons_per_strength: 15_600.0, relative_sd: 0.33, most_n: Some(7.5) };
+const FORCES: Forces = Forces { newtons_per_strength: 15_500.0, relative_sd: 0.33, most_n: Some(7.5) };
 
 /// A method whose contacts are [refined](Refiner) on the skin that its untouched frames [identify](Identifier).
 ///

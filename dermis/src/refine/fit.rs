@@ -6,7 +6,7 @@ use super::places::Place;
 use super::responses::{COLUMNS, Response, Responses};
 use crate::estimate::least_squares::{Control, Equations, LeastSquares, Normal, Steps, minimise};
 use crate::geom::Point2;
-use crate::linalg::{Matrix, NotPositiveDefinite, add_scaled, dot};
+use crate::linalg::{Cholesky, Matrix, NotPositiveDefinite, add_scaled, dot};
 use std::f64::consts::{PI, TAU};
 
 /// Unknowns of a touch: place (two), width, segment (two), strength, uneven tensor (two).
@@ -30,7 +30,7 @@ const JOINED_M: f64 = 0.05;
 /// A segment longer than this may be two touches, m.
 const SPLIT_M: f64 = 8e-3;
 /// Changes of the number of touches, which are as many as a frame may need.
-const MOST_CHANGES: usize = 12;
+const MOST_CHANGES: usize = 32;
 /// A touch is at most this many times as wide as usual, and at least one over this.
 const WIDEST: f64 = 4.0;
 /// Places at which one more touch is tried.
@@ -81,6 +81,8 @@ pub(super) struct State {
 #[derive(Debug, Clone)]
 pub(super) struct Fitted {
     pub state: State,
+    /// The information about all unknowns, and its inverse.
+    information: Matrix,
     covariance: Matrix,
     /// Twice the negative logarithm of the probability of the frame and these touches, up to a constant.
     pub evidence: f64,
@@ -107,7 +109,8 @@ impl LeastSquares for Fit<'_> {
     }
 
     fn equations(&self, state: &State) -> Result<Normal, NotPositiveDefinite> {
-        Ok(self.normal(state))
+        // Of Student's distribution: its second derivative where the unknown is zero, and less beyond.
+        Ok(self.normal(state, |scale, dimensions, square| (1.0 + dimensions) / (scale * scale + square)))
     }
 
     fn limit(&self, _: &State, step: &mut [f64]) {
@@ -216,8 +219,8 @@ impl Fit<'_> {
         self.weight.min(self.responses.value_count() as f64 / square.max(f64::MIN_POSITIVE))
     }
 
-    /// The equations of a step.
-    fn normal(&self, state: &State) -> Normal {
+    /// The equations of a step, with the precision of a prior by its scale, dimensions and the square of the unknowns.
+    fn normal(&self, state: &State, precision: impl Fn(f64, f64, f64) -> f64) -> Normal {
         let weight = self.weight_at(state);
         let columns: Vec<Vec<f64>> = state.touches.iter().zip(&state.responses).flat_map(derivatives).collect();
         let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
@@ -226,7 +229,7 @@ impl Fit<'_> {
         normal.right.iter_mut().for_each(|value| *value *= weight);
         for (index, touch) in state.touches.iter().enumerate() {
             for ((unknown, value), (scale, dimensions)) in touch.deviations().into_iter().zip(self.scales()) {
-                let precision = (1.0 + dimensions) / (scale * scale + value[0] * value[0] + value[1] * value[1]);
+                let precision = precision(scale, dimensions, value[0] * value[0] + value[1] * value[1]);
                 for part in 0..dimensions as usize {
                     normal.add_prior(UNKNOWNS * index + unknown + part, precision, value[part]);
                 }
@@ -235,28 +238,21 @@ impl Fit<'_> {
         normal
     }
 
-    /// The information about the unknowns: as the equations, but with the precisions of Gaussians that have the height of the
-    /// priors. With them Laplace's approximation is exact for unknowns that the frame tells nothing about, too.
-    fn information(&self, state: &State) -> Normal {
-        let mut normal = self.normal(state);
-        for (index, touch) in state.touches.iter().enumerate() {
-            for ((unknown, value), (scale, dimensions)) in touch.deviations().into_iter().zip(self.scales()) {
-                let precision = (1.0 + dimensions) / (scale * scale + value[0] * value[0] + value[1] * value[1]);
-                let of_height = if dimensions > 1.0 { 1.0 } else { 2.0 / PI } / (scale * scale);
-                for part in 0..dimensions as usize {
-                    normal.add_prior(UNKNOWNS * index + unknown + part, of_height - precision, 0.0);
-                }
-            }
-        }
-        normal
+    /// The information about the unknowns: with the precisions of Gaussians that have the height of the priors. With them
+    /// Laplace's approximation is exact for unknowns that the frame tells nothing about, too.
+    fn information(&self, state: &State) -> Matrix {
+        let of_height =
+            |scale: f64, dimensions: f64, _: f64| if dimensions > 1.0 { 1.0 } else { 2.0 / PI } / (scale * scale);
+        self.normal(state, of_height).matrix
     }
 
     /// The most probable touches near some.
     fn fitted(&self, state: State) -> Option<Fitted> {
         let state = minimise(self, state, &STEPS).ok()?.point;
-        let factor = self.information(&state).factor().ok()?;
+        let information = self.information(&state);
+        let factor = Cholesky::determined(&information).ok()?;
         let evidence = self.evidence(&state, factor.log_determinant());
-        Some(Fitted { covariance: factor.inverse(), evidence, state })
+        Some(Fitted { covariance: factor.inverse(), information, evidence, state })
     }
 
     /// Twice the negative logarithm of the probability of the values and some touches, from the determinant of the information
@@ -265,15 +261,17 @@ impl Fit<'_> {
         state.cost + log_determinant + state.touches.len() as f64 * self.constant()
     }
 
+    /// No touch at all.
+    fn untouched(&self) -> Fitted {
+        let state = self.state(Vec::new());
+        let nothing = Matrix::zeros(0, 0);
+        Fitted { evidence: state.cost, covariance: nothing.clone(), information: nothing, state }
+    }
+
     /// The most probable touches near those detected, and their most probable number.
     pub(super) fn run(&self, detected: Vec<Touch>) -> Fitted {
-        let none = Fitted {
-            evidence: self.cost_of(dot(self.values, self.values)),
-            covariance: Matrix::zeros(0, 0),
-            state: self.state(Vec::new()),
-        };
         let start = if detected.is_empty() { None } else { self.start(detected).and_then(|state| self.fitted(state)) };
-        let mut best = start.unwrap_or(none);
+        let mut best = start.unwrap_or_else(|| self.untouched());
         for _ in 0..MOST_CHANGES {
             let better = self
                 .joined(&best)
@@ -301,7 +299,7 @@ impl Fit<'_> {
             let of = |index: &usize| (state.touches[*index], state.responses[*index].clone());
             let (touches, responses) = removed.iter().map(of).unzip();
             let old = local.with(touches, responses);
-            let factor = local.information(&old).factor().ok()?;
+            let factor = Cholesky::determined(&local.information(&old)).ok()?;
             if new.evidence >= self.evidence(&old, factor.log_determinant()) {
                 return None;
             }
@@ -371,12 +369,7 @@ impl Fit<'_> {
             return None;
         }
         if count == 1 {
-            let empty = self.state(Vec::new());
-            return (empty.cost < from.evidence).then(|| Fitted {
-                evidence: empty.cost,
-                covariance: Matrix::zeros(0, 0),
-                state: empty,
-            });
+            return Some(self.untouched()).filter(|untouched| untouched.evidence < from.evidence);
         }
         self.changed(from, &[weakest], Vec::new())
     }
@@ -390,17 +383,38 @@ impl State {
 }
 
 impl Fitted {
-    /// Twice the logarithm of the odds that a touch is there: what the frame would be without it, to first order.
+    /// Twice the logarithm of the odds that a touch of this form is there: what the frame would be without it, where the others
+    /// adapt to first order.
     pub(super) fn odds(&self, index: usize, fit: &Fit<'_>) -> f64 {
-        let first = UNKNOWNS * index;
-        let mut block = Matrix::zeros(UNKNOWNS, UNKNOWNS);
-        for i in 0..UNKNOWNS {
-            (0..UNKNOWNS).for_each(|j| *block.at_mut(i, j) = self.covariance.at(first + i, first + j));
-        }
-        let determinant = crate::linalg::Cholesky::new(&block).map_or(f64::INFINITY, |factor| factor.log_determinant());
-        let strength = first + 5;
-        let significance = 1.0 / (self.covariance.at(strength, strength) * UNITS[5] * UNITS[5]);
-        significance + determinant - fit.constant()
+        let own = UNKNOWNS * index..UNKNOWNS * (index + 1);
+        let strength = own.start + 5;
+        let others = (0..self.information.rows).filter(|unknown| !own.contains(unknown));
+        let with_strength: Vec<usize> = others.chain([strength]).collect();
+        let factor = |matrix: &Matrix, unknowns: &[usize]| {
+            let mut part = Matrix::zeros(unknowns.len(), unknowns.len());
+            for (i, &row) in unknowns.iter().enumerate() {
+                unknowns.iter().enumerate().for_each(|(j, &column)| *part.at_mut(i, j) = matrix.at(row, column));
+            }
+            Cholesky::new(&part)
+        };
+        let mut unit = vec![0.0; with_strength.len()];
+        *unit.last_mut().expect("the strength") = 1.0;
+        let variance = factor(&self.information, &with_strength)
+            .map_or(f64::INFINITY, |factor| factor.solve(&unit)[unit.len() - 1]);
+        let explained = 1.0 / (variance * UNITS[5] * UNITS[5]) - fit.prior(&self.state.touches[index]);
+        let determinant =
+            factor(&self.covariance, &own.collect::<Vec<usize>>()).map_or(0.0, |factor| factor.log_determinant());
+        explained + determinant - fit.constant()
+    }
+
+    /// The strength of the round, even touch of usual width at the same place whose change of the frame is nearest to that of a
+    /// touch, m2. The frame determines it better than the strength of the touch itself, which depends on its width.
+    pub(super) fn strength_m2(&self, index: usize, fit: &Fit<'_>) -> f64 {
+        let touch = &self.state.touches[index];
+        let mut own = vec![0.0; fit.values.len()];
+        restore(&mut own, touch, &self.state.responses[index]);
+        let [usual, ..] = fit.responses.response(&touch.place, &Form::default(), [0.0; 2]).columns;
+        dot(&usual, &own) / dot(&usual, &usual)
     }
 
     /// The covariance of the place of a touch in its axes, m2, by noise and misfit and by the grain of the contact, and its

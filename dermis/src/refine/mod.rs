@@ -242,7 +242,7 @@ impl Refiner {
         Contact {
             position_m: touch.place.point_m,
             normal: touch.place.axes[2],
-            strength: touch.log_strength.exp(),
+            strength: fitted.strength_m2(index, fit),
             // A rectangle with two half disks.
             area_m2: across * (4.0 * (along - across) + std::f64::consts::PI * across),
             direction: touch.place.vector(density.axis),
