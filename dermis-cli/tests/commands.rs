@@ -120,8 +120,13 @@ fn channels_that_scatter_in_the_untouched_frames_are_left_out() {
     assert!(warning.contains("3 channels of 40 scatter in the untouched frames"), "{warning}");
     assert!(warning.contains("(3-4, 17)"), "{warning}");
     at.good(&format!("{input} --leave-out 3,4,17 -o given.csv"));
-    let [found, given] = ["found.csv", "given.csv"].map(|name| std::fs::read_to_string(at.path(name)).unwrap());
-    assert!(found.lines().count() > 2 && found == given, "{found}{given}");
+    // Up to the area; deviations follow the noise of the untouched frames, which has one estimate without the channels.
+    let places = |name: &str| -> Vec<String> {
+        let text = std::fs::read_to_string(at.path(name)).unwrap();
+        text.lines().map(|line| line.split(',').take(12).collect::<Vec<_>>().join(",")).collect()
+    };
+    let [found, given] = ["found.csv", "given.csv"].map(places);
+    assert!(found.len() > 2 && found == given, "{found:?} {given:?}");
 }
 
 #[test]

@@ -376,9 +376,9 @@ impl Fit<'_> {
 }
 
 impl State {
-    /// The part of the sum of the squares of values that the touches leave.
-    pub(super) fn left(&self, values: &[f64]) -> f64 {
-        dot(&self.residuals, &self.residuals) / dot(values, values).max(f64::MIN_POSITIVE)
+    /// The sum of the squares of the values that the touches leave.
+    pub(super) fn sum_of_squares(&self) -> f64 {
+        dot(&self.residuals, &self.residuals)
     }
 }
 

@@ -124,8 +124,8 @@ pub enum RefineError {
     Forward(#[from] ForwardError),
 }
 
-/// Touches that leave more than this part of a frame's change are not what changed it: contacts are then kept as they were
-/// detected.
+/// Touches that leave more than this part of a frame's change, and more than noise and misfit, are not what changed it: contacts
+/// are then kept as they were detected.
 const MOST_LEFT: f64 = 0.5;
 /// Fewer values than this per unknown of the fit do not determine the contacts of a frame.
 const VALUES_PER_UNKNOWN: usize = 4;
@@ -197,7 +197,7 @@ impl Refiner {
     ///
     /// Contacts that are more probably one become one, one that is more probably two becomes two, one that is more probably
     /// none is removed, and touches that were not detected are added, at the end of the list, with ids that no detected contact
-    /// has. Where touches explain less than half of the change, the contacts are kept as they were detected.
+    /// has. Where touches explain less than half of the change, or none is probable, the contacts are kept as they were detected.
     ///
     /// # Panics
     /// If the difference has another length than the protocol.
@@ -214,7 +214,9 @@ impl Refiner {
             Touch::at(self.responses.space().place(contact.position_m), Some(index))
         };
         let fitted = fit.run(contacts.iter().enumerate().map(start).collect());
-        if fitted.state.left(&values) > MOST_LEFT && !contacts.is_empty() {
+        let residuals = fitted.state.sum_of_squares();
+        let is_unexplained = weight * residuals > count && residuals > MOST_LEFT * square;
+        if !contacts.is_empty() && (is_unexplained || fitted.state.touches.is_empty()) {
             return;
         }
         let next_id = contacts.iter().map(|contact| contact.id).max().map_or(0, |id| id + 1);

@@ -277,13 +277,12 @@ fn contacts_that_do_not_fit_are_kept() {
     let (design, refiner) = refiner(0.1, RefineOptions::default());
     let place = design.body.surface().at(0.15, 1.0).unwrap();
     let fall: Vec<f64> = refiner.change(place, 5e-5).iter().map(|value| -value).collect();
-    let mut contacts = vec![contact(place)];
-    refiner.refine(&fall, &mut contacts);
-    assert_eq!(contacts[0].position_m, place);
-    // Nothing has changed: nothing touches.
-    refiner.refine(&vec![0.0; 870], &mut contacts);
-    assert!(contacts.is_empty());
-    refiner.refine(&vec![0.0; 870], &mut contacts);
+    for difference in [fall, vec![0.0; 870]] {
+        let mut contacts = vec![contact(place)];
+        refiner.refine(&difference, &mut contacts);
+        assert_eq!(contacts[0].position_m, place);
+    }
+    refiner.refine(&vec![0.0; 870], &mut Vec::new());
 }
 
 /// The same body known only by its mesh: places are those of its chart.
