@@ -40,8 +40,8 @@ fn expected(folder: &Path) -> PathBuf {
     let reference = &skin().reference;
     let frames: Vec<Value> = (0..FRAMES).map(|index| expected_of(reference, &skin().frame(index))).collect();
     let fields = [
-        &["x", "y", "z", "nx", "ny", "nz", "force", "force_sd", "strength", "area", "sd", "confidence", "conductance"]
-            [..],
+        &["x", "y", "z", "nx", "ny", "nz", "force", "force_sd", "strength", "area"][..],
+        &["direction_x", "direction_y", "direction_z", "half_length", "half_width", "sd", "confidence", "conductance"],
         &["cx", "cy", "cz", "px", "py", "pz", "vx", "vy", "vz", "seen", "age", "id"],
     ]
     .concat();

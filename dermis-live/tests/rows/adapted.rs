@@ -3,7 +3,7 @@
 use crate::bench::{Bench, TARE, along, lab, methods, place, stroke, surface_distance};
 use crate::gaps::until;
 use dermis::method::Methods;
-use dermis::pipeline::{Command, Pipeline, PipelineFrame, Settings, State, TrackedContact};
+use dermis::pipeline::{Command, Pipeline, PipelineFrame, Settings, State};
 use dermis_live::emulator::Stroke;
 
 fn press() -> Stroke {
@@ -14,8 +14,9 @@ fn bench(method: &str) -> Bench {
     Bench::new(lab(), 65, vec![press()], Settings { method: method.into(), ..Settings::default() })
 }
 
-fn contacts(frames: &[PipelineFrame]) -> Vec<&[TrackedContact]> {
-    frames.iter().map(|frame| frame.contacts.as_slice()).collect()
+/// As text, in which what is unknown is equal.
+fn contacts(frames: &[PipelineFrame]) -> Vec<String> {
+    frames.iter().map(|frame| format!("{:?}", frame.contacts)).collect()
 }
 
 #[test]
@@ -52,7 +53,8 @@ fn a_stored_state_goes_on_with_it() {
         bench.next += 1;
         let (frame, again) = (bench.pipeline.process(input.clone()).unwrap(), resumed.process(input).unwrap());
         assert_eq!(frame.contacts.len(), 1, "{:?}", frame.contacts);
-        assert!(frame == again, "the same, to the last bit");
+        // As text, in which what is unknown is equal.
+        assert_eq!(format!("{frame:?}"), format!("{again:?}"), "the same, to the last bit");
     }
 }
 
