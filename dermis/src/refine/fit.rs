@@ -230,8 +230,8 @@ impl Fit<'_> {
         for (index, touch) in state.touches.iter().enumerate() {
             for ((unknown, value), (scale, dimensions)) in touch.deviations().into_iter().zip(self.scales()) {
                 let precision = precision(scale, dimensions, value[0] * value[0] + value[1] * value[1]);
-                for part in 0..dimensions as usize {
-                    normal.add_prior(UNKNOWNS * index + unknown + part, precision, value[part]);
+                for (part, value) in value.into_iter().take(dimensions as usize).enumerate() {
+                    normal.add_prior(UNKNOWNS * index + unknown + part, precision, value);
                 }
             }
         }
