@@ -363,9 +363,9 @@ impl Fit<'_> {
     /// The touches without the least significant one.
     fn fewer(&self, from: &Fitted) -> Option<Fitted> {
         let count = from.state.touches.len();
-        let gain = |index: usize| from.odds(index, self);
-        let weakest = (0..count).min_by(|a, b| gain(*a).total_cmp(&gain(*b)))?;
-        if gain(weakest) > self.constant() {
+        let gains: Vec<f64> = (0..count).map(|index| from.odds(index, self)).collect();
+        let weakest = (0..count).min_by(|a, b| gains[*a].total_cmp(&gains[*b]))?;
+        if gains[weakest] > self.constant() {
             return None;
         }
         if count == 1 {

@@ -83,7 +83,7 @@ struct Cell {
 /// The part of a touch on one cell.
 struct Part {
     cell: usize,
-    /// The density and its derivatives, times nothing: the table has the area of the cells.
+    /// The density and its derivatives; the area of the cell is in the table.
     weights: [f32; 6],
     /// Cosine and sine of twice the angle from the axes of the touch to those of the cell.
     double: [f32; 2],
