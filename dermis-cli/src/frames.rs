@@ -1,10 +1,13 @@
 //! The input frames of a command, as differences from the untouched skin.
 
-use crate::console::Progress;
+use crate::console::{Progress, warn};
 use crate::failure::{Failure, Outcome};
+use crate::method::MethodArguments;
 use clap::{ArgGroup, Args};
+use dermis::finding::Finding;
 use dermis::fit::model_differences;
-use dermis::frame::{Differences, DriveCurrents, Frame, read_frames_without};
+use dermis::frame::{Differences, DriveCurrents, Frame, broken_channels, mean, read_frames_without};
+use dermis::plausibility::Plausibility;
 use dermis::protocol::Protocol;
 use dermis::reconstruct::ReconstructError;
 use dermis::skin::Skin;
@@ -28,6 +31,9 @@ pub struct FrameArguments {
     /// The frames are differences from the untouched skin.
     #[arg(long)]
     pub difference: bool,
+    /// Go on with frames that are not those of the design, or not of the baseline.
+    #[arg(long)]
+    pub force: bool,
     #[command(flatten)]
     pub currents: CurrentArguments,
 }
@@ -87,16 +93,49 @@ pub struct Recorded {
 }
 
 impl FrameArguments {
-    /// Reads the frames and subtracts the baseline. Channels that are left out need no values and are 0.
-    pub fn read(&self, skin: &Skin, left_out: &[usize]) -> Outcome<Differences> {
+    /// Reads the frames for a method and subtracts the baseline. Channels that are left out need no values and are 0. Frames
+    /// that cannot be those of the skin are refused.
+    pub fn read(&self, skin: &Skin, method: &MethodArguments) -> Outcome<Differences> {
+        let left_out = method.left_out();
         let protocol = &skin.design().protocol;
         if self.baseline.as_deref().is_some_and(|path| path.as_os_str() == MODEL) {
             let frames = self.currents.convert(protocol, read_frames_without(&self.frames, protocol, left_out)?)?;
             let model = skin.forward().solve(skin.forward().rest_conductivity())?;
             let frames = model_differences(protocol, &model, &frames, left_out)?.frames;
+            let check = Plausibility::new(protocol, &model, left_out);
+            self.report(&self.frames, check.of_model_differences(&frames), true)?;
             return Ok(Differences { frames, ..Differences::default() });
         }
-        Ok(self.read_recorded(protocol, left_out)?.into_differences())
+        let recorded = self.read_recorded(protocol, left_out)?;
+        self.check(skin, &recorded, left_out, method.calibration().is_none())?;
+        Ok(recorded.into_differences())
+    }
+
+    /// Refuses frames that cannot be those of the skin, and warns of doubtful ones; where contacts do not depend on the model,
+    /// it warns of a baseline that is not the model's.
+    pub fn check(&self, skin: &Skin, recorded: &Recorded, left_out: &[usize], needs_model: bool) -> Outcome {
+        let Recorded { frames, untouched } = recorded;
+        let mut unused = [left_out, &broken_channels(untouched)].concat();
+        unused.sort_unstable();
+        let model = skin.forward().solve(skin.forward().rest_conductivity())?;
+        let check = Plausibility::new(&skin.design().protocol, &model, &unused);
+        let Some(baseline) = mean(untouched) else {
+            return self.report(&self.frames, check.of_differences(frames), true);
+        };
+        self.report(self.baseline.as_deref().unwrap_or(&self.frames), check.of_baseline(&baseline), needs_model)?;
+        self.report(&self.frames, check.of_frames(frames, &baseline), true)
+    }
+
+    /// An error of a finding that is certain, a warning of any other.
+    fn report(&self, path: &Path, found: Option<Finding>, is_needed: bool) -> Outcome {
+        let Some(found) = found else { return Ok(()) };
+        let rows = if found.rows.is_empty() { String::new() } else { format!(", {}", found.title()) };
+        let message = format!("{}{rows}: {}", path.display(), found.evidence);
+        if found.is_fault() && is_needed && !self.force {
+            return Err(Failure::given(message, Some(&format!("{}; --force goes on all the same", found.fix))));
+        }
+        warn(&format!("{message}; {}", found.fix));
+        Ok(())
     }
 
     /// Reads the frames. Channels that are left out need no values and are 0.

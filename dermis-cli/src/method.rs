@@ -67,9 +67,9 @@ pub struct DetectArguments {
 }
 
 impl DetectArguments {
-    /// The detector for a method's images, with the noise measured in untouched frames.
-    pub fn detector(&self, skin: &Skin, method: &Method, untouched: &[Frame]) -> Outcome<Detector> {
-        let detector = method.detector(untouched, &skin.design().protocol)?;
+    /// The detector for a method's images, with the noise of the frames.
+    pub fn detector(&self, skin: &Skin, method: &Method, differences: &Differences) -> Outcome<Detector> {
+        let detector = method.detector_of(differences, &skin.design().protocol)?;
         if !self.both_signs {
             return Ok(detector);
         }
@@ -182,7 +182,7 @@ impl MethodArguments {
         match &self.channel_noise {
             None => Ok(Vec::new()),
             Some(path) if path.as_os_str() == MEASURED => {
-                let noise = ChannelNoise::of(&differences.rest(), &skin.design().protocol).ok_or_else(|| {
+                let noise = ChannelNoise::of_differences(differences, &skin.design().protocol).ok_or_else(|| {
                     let message = "--channel-noise measured needs untouched frames";
                     Failure::given(message, Some("give them with --baseline"))
                 })?;

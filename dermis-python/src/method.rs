@@ -125,7 +125,7 @@ impl Method {
         let (differences, _) = self.differences(frames, baseline)?;
         let found = worker::run(py, "reconstructing", differences.frames.len(), |watch| {
             let method = self.method.adapted(&differences)?;
-            let mut detector = method.detector(&differences.rest(), &self.skin.skin().design().protocol)?;
+            let mut detector = method.detector_of(&differences, &self.skin.skin().design().protocol)?;
             if both_signs {
                 self.method.check_both_signs()?;
                 detector = detector.with_both_signs(self.skin.skin().design().sheet.touch.change());
@@ -149,7 +149,7 @@ impl Method {
         let truth = contacts::truth(truth, self.skin.skin(), frames.len())?;
         let score = worker::run(py, "reconstructing", frames.len(), |watch| {
             let method = self.method.adapted(&differences)?;
-            let detector = method.detector(&differences.rest(), &self.skin.skin().design().protocol)?;
+            let detector = method.detector_of(&differences, &self.skin.skin().design().protocol)?;
             let found =
                 for_each(frames, watch, |frame| Ok(method.reconstruct().image_and_contacts(frame, &detector)?))?;
             let (images, found): (Vec<_>, Vec<_>) = found.into_iter().unzip();
@@ -168,7 +168,7 @@ impl Method {
         };
         worker::run_short(py, || {
             let method = self.method.adapted(&differences)?;
-            let detector = method.detector(&differences.rest(), &self.skin.skin().design().protocol)?;
+            let detector = method.detector_of(&differences, &self.skin.skin().design().protocol)?;
             let (image, contacts) = method.reconstruct().image_and_contacts(frame, &detector)?;
             picture::of_image(self.skin.skin(), &image, self.method.reconstruct().quantity(), &contacts)
         })

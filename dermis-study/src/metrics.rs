@@ -10,8 +10,10 @@
 
 use dermis::stats::mean;
 use dermis_plot::report::Table;
-use dermis_sim::evaluate::{BenchmarkBound, BenchmarkOptions, BenchmarkResult, FORCES_PER_POSITION};
-use dermis_sim::experiment::Sizes;
+use dermis_sim::evaluate::{
+    BenchmarkBound, BenchmarkOptions, BenchmarkResult, FORCES_PER_POSITION, FamiliesResult, FamilyScore,
+};
+use dermis_sim::experiment::{Family, Sizes};
 
 /// One figure of a result.
 pub struct Figure {
@@ -163,6 +165,53 @@ pub fn table(twins: &[BenchmarkResult], bound: Option<&BenchmarkBound>) -> Table
         ]);
     }
     table
+}
+
+/// Two tables of a benchmark of families: a row for each family over all skins, and a row for each skin over all families.
+pub fn families_tables(skins: &[FamiliesResult]) -> [Table; 2] {
+    const SCORES: [&str; 5] = ["misses", "false", "mean, mm", "95 %, mm", "in region, %"];
+    let mut families = Table::new(&[&["family", "objects"][..], &SCORES, &["length"]].concat());
+    for (index, family) in Family::ALL.into_iter().enumerate() {
+        let of: Vec<&FamilyScore> = skins.iter().map(|skin| &skin.families[index]).collect();
+        let objects: usize = of.iter().map(|score| score.objects).sum();
+        let lengths: Vec<f64> = of.iter().map(|score| score.length_ratio).collect();
+        let length = Some(mean(&lengths)).filter(|length| length.is_finite());
+        let mut row = vec![family.name().to_string(), objects.to_string()];
+        row.extend(scores(&of));
+        row.push(length.map(|length| format!("{length:.2}")).unwrap_or_default());
+        families.push(row);
+    }
+    let header = ["seed", "patches, mm", "foam, mm", "coat, %", "electrodes, mm", "dB"];
+    let mut each = Table::new(&[&header[..], &SCORES].concat());
+    for FamiliesResult { seed, skin, families } in skins {
+        let mut row = vec![
+            seed.to_string(),
+            skin.patches_m.map_or("none".into(), |pitch_m| format!("{:.1}", 1e3 * pitch_m)),
+            format!("{:.1}", 1e3 * skin.foam_m),
+            format!("{:.0}", 100.0 * skin.coat_rms),
+            format!("{:.1}", 1e3 * skin.displacement_rms_m),
+            format!("{:.0}", skin.snr_db),
+        ];
+        row.extend(scores(&families.iter().collect::<Vec<_>>()));
+        each.push(row);
+    }
+    [families, each]
+}
+
+/// Misses, false positives, mean and the mean of the 95th percentiles of the error, and the share in the 95 % region.
+fn scores(of: &[&FamilyScore]) -> [String; 5] {
+    let found = |score: &FamilyScore| (score.objects - score.misses) as f64;
+    let all: f64 = of.iter().map(|score| found(score)).sum();
+    let mean = |value: &dyn Fn(&FamilyScore) -> f64| {
+        of.iter().filter(|score| found(score) > 0.0).map(|score| found(score) * value(score)).sum::<f64>() / all
+    };
+    [
+        of.iter().map(|score| score.misses).sum::<usize>().to_string(),
+        of.iter().map(|score| score.false_positives).sum::<usize>().to_string(),
+        format!("{:.2}", 1e3 * mean(&|score| score.localisation_m.mean)),
+        format!("{:.2}", 1e3 * mean(&|score| score.localisation_m.p95)),
+        format!("{:.1}", 100.0 * mean(&|score| score.covered)),
+    ]
 }
 
 /// Number of frames of [`dermis_sim::evaluate::Benchmark::run`] for this size, on a skin with `pixels` pixels.

@@ -33,6 +33,8 @@ pub enum FindingKind {
     Order,
     /// The untouched frame fits the model in no order.
     UnlikeModel,
+    /// Frames do not fit the untouched frame that they are compared with.
+    UnlikeBaseline,
     /// Values have the opposite sign.
     SignTurned,
     /// Signs that the model has are missing.

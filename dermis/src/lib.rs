@@ -25,6 +25,7 @@ pub mod design;
 pub mod frame;
 // Layer 3
 pub mod mesh;
+pub mod plausibility;
 // Layer 4
 pub mod fem;
 pub mod image;

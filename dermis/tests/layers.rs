@@ -14,7 +14,7 @@ const LAYERED: &[(&str, &[&[&str]])] = &[
             &["files", "geom", "linalg", "stats", "text"],
             &["contact", "finding", "protocol"],
             &["design", "frame"],
-            &["mesh"],
+            &["mesh", "plausibility"],
             &["fem", "image"],
             &["forward"],
             &["estimate"],

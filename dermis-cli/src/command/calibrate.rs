@@ -60,6 +60,9 @@ pub struct Arguments {
     /// Folder to write: the method for --method.
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
+    /// Go on with frames that do not fit their baseline.
+    #[arg(long)]
+    force: bool,
     /// Print JSON (SI units) instead of a table.
     #[arg(long)]
     json: bool,
@@ -80,9 +83,11 @@ impl Arguments {
             frames: frames.clone(),
             baseline: self.baseline.clone(),
             difference: self.difference,
+            force: self.force,
             currents: self.currents.clone(),
         };
         let recorded = frames.read_recorded(&skin.design().protocol, &[])?;
+        frames.check(&skin, &recorded, &[], false)?;
         let presses = Presses::read(truth, &skin, recorded.frames.len())?;
         warn_of_faults(&skin, &recorded, &presses)?;
         let frames = recorded.into_differences().frames;

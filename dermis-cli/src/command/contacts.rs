@@ -60,11 +60,10 @@ impl Arguments {
     pub fn run(self) -> Outcome {
         let is_table = self.is_table()?;
         let skin = skin::load(&self.design)?;
-        let differences = self.frames.read(&skin, self.method.left_out())?;
+        let differences = self.frames.read(&skin, &self.method)?;
         let method = self.method.prepare(&skin, &differences)?;
         let pose = self.pose(&skin, &method)?;
-        let rest = differences.rest();
-        let detector = self.detect.detector(&skin, &method, &rest)?;
+        let detector = self.detect.detector(&skin, &method, &differences)?;
         let mut contacts = of_each(&differences.frames, |difference| method.contacts(difference, &detector))?;
         if let Some(pose) = pose {
             contacts.iter_mut().flatten().for_each(|contact| to_robot(contact, &pose));
@@ -76,8 +75,8 @@ impl Arguments {
         })?;
         let count: usize = contacts.iter().map(Vec::len).sum();
         let (contacts, frames) = (counted(count, "contact"), counted(contacts.len(), "frame"));
-        let noise =
-            ChannelNoise::of(&rest, &skin.design().protocol).map(|noise| format!("{noise}\n")).unwrap_or_default();
+        let noise = ChannelNoise::of_differences(&differences, &skin.design().protocol);
+        let noise = noise.map(|noise| format!("{noise}\n")).unwrap_or_default();
         print(&format!("{}: {contacts} in {frames} ({})\n{noise}", self.output.display(), method.description()))
     }
 

@@ -64,7 +64,7 @@ impl Arguments {
     pub fn run(self) -> Outcome {
         self.report.check()?;
         let skin = skin::load(&self.design)?;
-        let differences = self.frames.read(&skin, self.method.left_out())?;
+        let differences = self.frames.read(&skin, &self.method)?;
         if let Some(folder) = self.method.calibration() {
             return self.calibrated(&skin, folder, &differences);
         }
@@ -95,7 +95,7 @@ impl Arguments {
         }
         // Refuses options that a calibration does not have.
         let method = self.method.prepare(skin, differences)?;
-        self.detect.detector(skin, &method, &[])?;
+        self.detect.detector(skin, &method, &Differences::default())?;
         let evaluation = CalibratedEvaluation::new(skin, folder, &differences.frames, &self.truth, self.rows.as_ref())?;
         let (presses, pose) = (&evaluation.presses[..], evaluation.pose);
         self.report.write(&PressReport { skin, method: method.label(), presses, pose })?;
@@ -106,7 +106,7 @@ impl Arguments {
     fn on_skin(&self, skin: &Skin, differences: Differences, truth: Vec<Vec<Contact>>) -> Outcome {
         self.warn_of_frames_after(&truth);
         let method = self.method.prepare(skin, &differences)?;
-        let detector = self.detect.detector(skin, &method, &differences.rest())?;
+        let detector = self.detect.detector(skin, &method, &differences)?;
         let (rows, frames, truth) = self.chosen(differences.frames, truth)?;
         let found = of_each(&frames, |difference| method.reconstruct().image_and_contacts(difference, &detector))?;
         let (images, contacts): (Vec<_>, Vec<_>) = found.into_iter().unzip();

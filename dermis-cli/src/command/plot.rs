@@ -42,6 +42,9 @@ pub struct Arguments {
     /// The frames are differences from the untouched skin.
     #[arg(long, requires = "frames")]
     difference: bool,
+    /// Go on with frames that are not those of the design, or not of the baseline.
+    #[arg(long, requires = "frames")]
+    force: bool,
     #[command(flatten)]
     currents: CurrentArguments,
     #[command(flatten)]
@@ -177,12 +180,12 @@ impl Arguments {
             return Err(Failure::given("frames need a baseline", Some(fix)));
         }
         let (frames, baseline, currents) = (frames.clone(), self.baseline.clone(), self.currents.clone());
-        let frames = FrameArguments { frames, baseline, difference: self.difference, currents };
+        let frames = FrameArguments { frames, baseline, difference: self.difference, force: self.force, currents };
         let skin = Skin::with_mesh(design.clone(), mesh)?;
-        let differences = frames.read(&skin, self.method.left_out())?;
+        let differences = frames.read(&skin, &self.method)?;
         let method = self.method.prepare(&skin, &differences)?;
         let how = method.description();
-        let detector = method.detector(&differences.rest(), &design.protocol)?;
+        let detector = method.detector_of(&differences, &design.protocol)?;
         let found =
             of_each(&differences.frames, |difference| method.reconstruct().image_and_contacts(difference, &detector))?;
         let (images, contacts) = found.into_iter().unzip();

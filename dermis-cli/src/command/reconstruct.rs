@@ -38,7 +38,7 @@ impl Arguments {
             (skin, Per::Cell) => skin.with_cells_as_pixels(),
         };
         let is_mesh_file = self.is_mesh_file()?;
-        let differences = self.frames.read(&skin, self.method.left_out())?;
+        let differences = self.frames.read(&skin, &self.method)?;
         let method = self.method.prepare(&skin, &differences)?;
         let images = of_each(&differences.frames, |difference| method.image(difference))?;
         let size = if is_mesh_file { self.write_cells(&skin, &images)? } else { self.write_array(&images)? };

@@ -27,7 +27,8 @@ mod tests;
 
 pub use align::Alignment;
 pub use benchmark::{
-    Benchmark, BenchmarkBound, BenchmarkOptions, BenchmarkResult, Covered, FORCES_PER_POSITION, ForceScore, FourScore,
+    Benchmark, BenchmarkBound, BenchmarkOptions, BenchmarkResult, Covered, DrawnSkin, FORCES_PER_POSITION,
+    FamiliesResult, FamilyScore, ForceScore, FourScore,
 };
 pub use calibration_run::CalibrationRun;
 pub use explained::GainFit;

@@ -13,10 +13,13 @@
 //! assert_eq!((contacts[0].position_m, contacts[0].force_n), ([0.01, 0.02, 0.0], 2.0));
 //! ```
 
+mod objects;
 mod paper;
 mod presses;
 
+pub use objects::{Family, Objects};
 pub use paper::{FOUR_APART_M, PaperExperiment, Sets, Sizes};
+use presses::MOST_DRAWS;
 pub use presses::{PressSet, Presses};
 
 use crate::twin::{Press, Twin};

@@ -4,10 +4,10 @@ use crate::elementary::{ln, sin_cos, unrolled};
 use crate::random::sample_rng;
 use crate::twin::{Press, PressOptions};
 use dermis::design::SkinDesign;
-use dermis::geom::Surface;
-use dermis::geom::vector::{Point3, add, scale};
+use dermis::geom::vector::{Point3, add, cross, dot, normalize, scale, sub};
+use dermis::geom::{Surface, TriangleTree};
 use dermis::image::PixelSpace;
-use dermis::mesh::Mesh;
+use dermis::mesh::{Cells, Mesh};
 use rand::{Rng, RngExt};
 use std::f64::consts::TAU;
 
@@ -15,7 +15,12 @@ use std::f64::consts::TAU;
 /// the frames' noise.
 const STREAMS_PER_SET: u64 = 1 << 32;
 /// Maximum number of draws for a set of compatible positions.
-const MOST_DRAWS: usize = 10_000;
+pub(super) const MOST_DRAWS: usize = 10_000;
+
+/// Step along a body known only by its mesh, m, and the least straight distance of two presses on it over their distance along
+/// the surface.
+const WALK_M: f64 = 1e-3;
+const LEAST_STRAIGHT: f64 = 0.8;
 
 /// Presses of one kind, a list for each frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,11 +37,13 @@ pub struct PressSet {
 /// only on the seed and their number.
 #[derive(Debug)]
 pub struct Presses<'a> {
-    surface: Surface,
+    pub(super) surface: Surface,
     pixels: &'a PixelSpace,
     /// The design's own surface, to draw positions from.
     mesh: &'a Mesh,
     areas_up_to: Vec<f64>,
+    /// The triangles of a body known only by its mesh.
+    tree: Option<TriangleTree>,
     design: &'a SkinDesign,
     options: PressOptions,
     seed: u64,
@@ -58,7 +65,13 @@ impl<'a> Presses<'a> {
                 sum
             })
             .collect();
-        Presses { surface: design.body.surface(), pixels, mesh, areas_up_to, design, options, seed }
+        let tree = match (&mesh.cells, design.body.surface()) {
+            (Cells::Triangles(triangles), Surface::Free) => {
+                Some(TriangleTree::new(triangles.iter().map(|corners| corners.map(|node| mesh.nodes[node]))))
+            }
+            _ => None,
+        };
+        Presses { surface: design.body.surface(), pixels, mesh, areas_up_to, tree, design, options, seed }
     }
 
     /// One press at the centre of every `step`-th pixel; with 1 the paper's experiment.
@@ -117,7 +130,7 @@ impl<'a> Presses<'a> {
         PressSet { name: "fixed", presses: (0..places as u64).flat_map(at_place).collect(), separations_m: vec![] }
     }
 
-    fn rng(&self, set: u64, number: u64) -> impl Rng {
+    pub(super) fn rng(&self, set: u64, number: u64) -> impl Rng {
         sample_rng(self.seed, (set + 1) * STREAMS_PER_SET + number)
     }
 
@@ -127,7 +140,7 @@ impl<'a> Presses<'a> {
     }
 
     /// A position, uniform by area.
-    fn place(&self, rng: &mut impl Rng) -> Point3 {
+    pub(super) fn place(&self, rng: &mut impl Rng) -> Point3 {
         if let Surface::Cylinder { radius_m, length_m } = self.surface {
             let (z_m, theta) = (rng.random::<f64>() * length_m, rng.random::<f64>() * TAU);
             let (sine, cosine) = sin_cos(theta);
@@ -149,12 +162,48 @@ impl<'a> Presses<'a> {
     fn pair(&self, separation_m: f64, rng: &mut impl Rng) -> Option<[Point3; 2]> {
         (0..MOST_DRAWS).find_map(|_| {
             let first = self.place(rng);
-            let (sine, cosine) = sin_cos(rng.random::<f64>() * TAU);
-            let second = unrolled(&self.surface).walk(first, [separation_m * cosine, separation_m * sine]);
+            let second = self.walk(first, rng.random::<f64>() * TAU, separation_m)?;
             let reached_m = self.surface.distance_m(first, second);
-            let fits = self.design.body.holds(second) && (reached_m - separation_m).abs() < 1e-6 * separation_m;
-            fits.then_some([first, second])
+            // A body known only by its mesh has straight distances.
+            let least_m = if self.tree.is_some() { LEAST_STRAIGHT } else { 1.0 - 1e-6 } * separation_m;
+            (reached_m >= least_m).then_some([first, second])
         })
+    }
+
+    /// The place that is reached from another one straight along the surface, in a direction of the tangent plane; `None` off
+    /// the skin. On a body known only by its mesh by steps that are projected onto it.
+    pub(super) fn walk(&self, from: Point3, angle_rad: f64, distance_m: f64) -> Option<Point3> {
+        let (sine, cosine) = sin_cos(angle_rad);
+        let Some(tree) = &self.tree else {
+            let place = unrolled(&self.surface).walk(from, [distance_m * cosine, distance_m * sine]);
+            return self.design.body.holds(place).then_some(place);
+        };
+        let normal = |place| {
+            let corners = self.mesh.cells.corners(tree.nearest(place).triangle);
+            let [a, b, c] = [0, 1, 2].map(|corner| self.mesh.nodes[corners[corner]]);
+            normalize(cross(sub(b, a), sub(c, a)))
+        };
+        let mut place = from;
+        let mut up = normal(place);
+        // Any axis of the tangent plane: the angle is random.
+        let least = (0..3).min_by(|&a, &b| up[a].abs().total_cmp(&up[b].abs())).expect("three axes");
+        let mut axis = [0.0; 3];
+        axis[least] = 1.0;
+        let first = normalize(cross(up, axis));
+        let mut ahead = add(scale(first, cosine), scale(cross(up, first), sine));
+        let steps = (distance_m / WALK_M).ceil().max(1.0);
+        for _ in 0..steps as usize {
+            let reached = add(place, scale(ahead, distance_m / steps));
+            let nearest = tree.nearest(reached);
+            // Beyond a rim nothing is near.
+            if nearest.distance_m > 0.5 * WALK_M {
+                return None;
+            }
+            place = nearest.point;
+            up = normal(place);
+            ahead = normalize(sub(ahead, scale(up, dot(ahead, up))));
+        }
+        Some(place)
     }
 
     fn places_apart(&self, touches: usize, least_m: f64, rng: &mut impl Rng) -> Option<Vec<Point3>> {

@@ -13,7 +13,9 @@ struct Bench {
 
 impl Bench {
     fn new(name: &str) -> Self {
-        let mut design = SkinDesign::shipped(name).expect("a shipped design");
+        // The forearm is an example beside the program.
+        let path = format!("{}/../data/designs/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+        let mut design = SkinDesign::load(&path).expect("a design of the project");
         design.mesh = design.mesh.scaled(2.0);
         let mesh = Mesh::generate(&design).expect("a mesh");
         let pixels = PixelSpace::for_design(&design, &mesh).expect("pixels");
@@ -117,5 +119,42 @@ fn presses_on_a_membrane_lower_its_conductance() {
         let rest = total(&recording.baseline);
         // The voltages between neighbours grow where less of the coat conducts.
         assert!(recording.frames.iter().all(|frame| total(frame) > rest));
+    }
+}
+
+#[test]
+fn objects_are_whole_on_the_skin_and_their_truth_is_their_middle() {
+    for name in ["cylinder30", "forearm"] {
+        let bench = Bench::new(name);
+        let (presses, surface) = (bench.presses(8), bench.design.body.surface());
+        for family in Family::ALL {
+            let objects = presses.of_family(family, 12);
+            assert!(objects.len() >= 10, "{name} {family:?}: {} frames have space", objects.len());
+            for Objects { presses, truth } in &objects {
+                assert_eq!(truth.len(), if family == Family::Fingers { 2 } else { 1 });
+                assert!(presses.iter().all(|press| bench.design.body.holds(press.centre_m)));
+                let [force_n, true_n]: [f64; 2] =
+                    [presses.iter().map(|press| press.force_n).sum(), truth.iter().map(|c| c.force_n).sum()];
+                assert!((force_n / true_n - 1.0).abs() < 1e-12);
+                let (centre, half_m) = (truth[0].position_m, truth[0].half_length_m);
+                let farthest_m = presses.iter().map(|p| surface.distance_m(p.centre_m, centre)).fold(0.0, f64::max);
+                match family {
+                    // Exact on a cylinder; a mesh has straight distances, which are shorter on a curved body.
+                    Family::Edges => {
+                        assert!((0.85..1.0 + 1e-9).contains(&(farthest_m / half_m)), "{name} {farthest_m} {half_m}")
+                    }
+                    Family::Palms => assert!(farthest_m < 1.16 * half_m && truth[0].half_width_m <= half_m),
+                    Family::Fingers => {
+                        assert!((0.0249 * 0.9..0.0601).contains(&surface.distance_m(centre, truth[1].position_m)))
+                    }
+                    Family::Pins | Family::Balls => assert!(farthest_m == 0.0 && half_m.is_nan()),
+                }
+                let mean = surface.weighted_mean(centre, presses.iter().map(|press| (press.centre_m, press.force_n)));
+                if matches!(family, Family::Edges | Family::Palms) {
+                    // On a mesh by the curvature: a part of the depth of the arc.
+                    assert!(surface.distance_m(mean, centre) < if name == "forearm" { 6e-3 } else { 1e-9 });
+                }
+            }
+        }
     }
 }

@@ -109,6 +109,9 @@ const FLOOR_SD: f64 = 2.0;
 /// contact's radius (of a disk of its area): as measured by `dermis calibrate cylinder30` ([`blur_share`]), to 10 %.
 const BLUR_ERROR: f64 = 0.1;
 
+/// The confidence of a certain contact where the noise is not known.
+const DOUBT: f64 = 0.5;
+
 /// Finds contacts in images whose noise is known, or estimated from each image.
 #[derive(Debug, Clone, Default)]
 pub struct Detector {
@@ -116,18 +119,25 @@ pub struct Detector {
     noise: Option<ImageNoise>,
     /// The change of conductance where the image is positive, if contacts of both signs are looked for.
     positive: Option<ConductanceChange>,
+    /// Whether nothing is known of the noise: no contact is then more probable than not.
+    is_doubtful: bool,
 }
 
 impl Detector {
     /// A detector that estimates the noise from each image, by the difference of pixels from the mean of their
     /// neighbours. This is the standard deviation of white noise; it is zero for a smooth image.
     pub fn new(options: DetectOptions) -> Self {
-        Detector { options, noise: None, positive: None }
+        Detector { options, ..Detector::default() }
     }
 
     /// The same detector for images of known noise.
     pub fn with_noise(self, noise: ImageNoise) -> Self {
         Detector { noise: Some(noise), ..self }
+    }
+
+    /// The same detector for images of which nothing tells the noise: no contact is then more probable than not.
+    pub fn with_doubt(self) -> Self {
+        Detector { is_doubtful: true, ..self }
     }
 
     /// The same detector for contacts of both signs, each with its [sign](Contact::conductance). `positive` is the
@@ -262,7 +272,8 @@ impl Detector {
             area_m2: own.area_m2,
             force_sd_n,
             sd_m,
-            confidence: confidence(own.height, own.peak_sd, highest, sd_m, image.space.len()),
+            confidence: if self.is_doubtful { DOUBT } else { 1.0 }
+                * confidence(own.height, own.peak_sd, highest, sd_m, image.space.len()),
             conductance: own.conductance,
             ..Contact::truth(own.place.0, own.place.1, force_n)
         };

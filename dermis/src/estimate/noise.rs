@@ -1,6 +1,6 @@
 //! The noise of each channel, from untouched frames.
 
-use crate::frame::twins;
+use crate::frame::{Differences, Frame, twins};
 use crate::protocol::Protocol;
 use crate::stats::{bisect, rms, sorted, upper_median};
 use serde::Serialize;
@@ -28,6 +28,8 @@ pub enum NoiseSource {
     Scatter,
     /// The differences of reciprocal channels, of a single frame or of frames without scatter: not only noise.
     Reciprocity,
+    /// The frames that contacts are found in: how reciprocal channels change, and how frames follow each other.
+    Frames,
     /// Nothing: 60 dB.
     Assumed,
 }
@@ -119,6 +121,45 @@ impl ChannelNoise {
         Some(noise)
     }
 
+    /// The noise of the untouched frames of some differences. Where they do not scatter, it is rather that of the frames themselves,
+    /// touched or not, if these show less: by the changes of reciprocal channels, which a touch changes alike, and by the changes
+    /// from one frame to the next. Each of them is noise and something else, so that the least one is nearest to the noise.
+    /// `None` without untouched frames.
+    ///
+    /// # Panics
+    /// If a frame does not fit the protocol.
+    pub fn of_differences(differences: &Differences, protocol: &Protocol) -> Option<Self> {
+        ChannelNoise::of(&differences.rest(), protocol).map(|noise| noise.with_frames(&differences.frames, protocol))
+    }
+
+    fn with_frames(mut self, frames: &[Frame], protocol: &Protocol) -> Self {
+        if self.source == NoiseSource::Scatter || frames.is_empty() {
+            return self;
+        }
+        let twins = twins(protocol);
+        let steps: Vec<Vec<f64>> = frames
+            .windows(2)
+            .map(|pair| pair[1].iter().zip(pair[0].iter()).map(|(a, b)| (a - b) / 2f64.sqrt()).collect())
+            .collect();
+        for group in 0..2 {
+            let channels = self.groups[group].clone();
+            let reciprocal: Vec<f64> = frames.iter().map(|frame| disagreement(&twins, frame, &channels)).collect();
+            // A difference has the noise of the single untouched frame, too.
+            let reciprocal = upper_median(&reciprocal).unwrap_or(0.0) / 2f64.sqrt();
+            let sizes = |step: &Vec<f64>| {
+                upper_median(&channels.iter().map(|&channel| step[channel].abs()).collect::<Vec<f64>>()).unwrap_or(0.0)
+            };
+            let following = NORMAL_MEDIAN * upper_median(&steps.iter().map(sizes).collect::<Vec<f64>>()).unwrap_or(0.0);
+            let own = self.by_group_ohm()[group];
+            let least = [reciprocal, following].into_iter().filter(|sd| *sd > 0.0).fold(f64::INFINITY, f64::min);
+            if least.is_finite() && (self.source == NoiseSource::Assumed || least < own) {
+                self.set(group, least);
+                self.source = NoiseSource::Frames;
+            }
+        }
+        self
+    }
+
     /// The standard deviation of each channel of one frame, ohm; `NaN` for a channel with a value that is not finite.
     pub fn sd_ohm(&self) -> &[f64] {
         &self.sd_ohm
@@ -193,7 +234,8 @@ impl std::fmt::Display for ChannelNoise {
         let source = match self.source {
             NoiseSource::Scatter => "",
             NoiseSource::Reciprocity => ", from reciprocal channels alone",
-            NoiseSource::Assumed => ", assumed",
+            NoiseSource::Frames => ", from the frames themselves",
+            NoiseSource::Assumed => ", unknown: 60 dB assumed",
         };
         write!(f, "noise of the channels {}{source}", known.join(" and "))
     }

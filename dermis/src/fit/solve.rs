@@ -71,7 +71,7 @@ impl Data {
         // Of frames without scatter, the variance of the model contains that of the noise.
         let noise = match noise.source() {
             NoiseSource::Scatter => noise.sd_of_mean_ohm().into_iter().map(|sd| sd * sd).collect(),
-            NoiseSource::Reciprocity | NoiseSource::Assumed => vec![0.0; values.len()],
+            NoiseSource::Reciprocity | NoiseSource::Frames | NoiseSource::Assumed => vec![0.0; values.len()],
         };
         let least = [0, 1].map(|group: usize| least_variance(groups[group].iter().map(|&channel| values[channel])));
         Data { channels, values, frame_noise_ohm, noise, groups, least }

@@ -21,11 +21,13 @@ pub use set::MethodSet;
 
 use crate::contact::Contact;
 use crate::detect::Detector;
+use crate::estimate::noise::{ChannelNoise, NoiseSource};
 use crate::frame::{Differences, Frame};
 use crate::image::Image;
 use crate::protocol::Protocol;
 use crate::reconstruct::{
     AlphaRule, OneStep, OneStepOptions, Reconstruct, ReconstructError, Refined, WithoutChannels, image_noise,
+    image_noise_of,
 };
 use crate::refine::{RefineOptions, Refiner};
 use crate::skin::Skin;
@@ -221,6 +223,21 @@ impl Method {
     pub fn detector(&self, untouched: &[Frame], protocol: &Protocol) -> Result<Detector, ReconstructError> {
         let detector = Detector::new(self.reconstruct.detection());
         Ok(match image_noise(self.reconstruct.as_ref(), untouched, protocol)? {
+            Some(noise) => detector.with_noise(noise),
+            None => detector,
+        })
+    }
+
+    /// The detector for differences, with the noise that they and their untouched frames show. Where that is unknown, no contact
+    /// is probable.
+    ///
+    /// # Errors
+    /// A reconstruction that fails on a frame.
+    pub fn detector_of(&self, differences: &Differences, protocol: &Protocol) -> Result<Detector, ReconstructError> {
+        let detector = Detector::new(self.reconstruct.detection());
+        let Some(noise) = ChannelNoise::of_differences(differences, protocol) else { return Ok(detector) };
+        let detector = if noise.source() == NoiseSource::Assumed { detector.with_doubt() } else { detector };
+        Ok(match image_noise_of(self.reconstruct.as_ref(), &noise, &differences.rest())? {
             Some(noise) => detector.with_noise(noise),
             None => detector,
         })

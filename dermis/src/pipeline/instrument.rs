@@ -26,11 +26,12 @@ const REMEMBERED: usize = 16;
 /// Frames whose values jump by this many times the noise, at the median channel, are noisy: a touch changes the values of
 /// most channels in one or two frames at most.
 const JUMPS: f64 = 4.0;
-/// Noisy frames in a row after which the frames are invalid, if reciprocal channels do not tell at once.
+/// Noisy frames in a row after which the frames are invalid, if there are too few reciprocal channels to tell.
 const NOISY_FRAMES: u32 = 3;
 /// Reciprocal channels jump alike, by the reciprocity theorem; noise makes them jump differently. Fewest pairs that can
-/// tell.
+/// tell, and the part of the jumps from which on their differences are noise.
 const FEWEST_PAIRS: usize = 8;
+const UNLIKE_JUMPS: f64 = 0.5;
 /// Reciprocal channels change alike, by the reciprocity theorem. A difference of their changes is a fault of one of them
 /// if it exceeds this many times the noise and a thousandth of their values, and this part of the larger of the two and of
 /// the root mean square change of all channels. (A touch that moves between the two measurements, and the errors of a
@@ -287,13 +288,16 @@ impl InstrumentMonitor {
             .collect();
         std::mem::swap(last, second);
         last.clone_from(&frame.values_ohm);
-        let single = jump_ohm.iter().zip(noise_ohm).map(|(jump, noise)| jump / noise);
+        let single = median_size(jump_ohm.iter().zip(noise_ohm).map(|(jump, noise)| jump / noise));
         let are_large = exceeds_noise(single);
         let pairs = topology.reciprocal_pairs().iter().filter(|_| are_large && !jump_ohm.is_empty());
         let unlike = pairs.map(|&[a, b]| (jump_ohm[a] - jump_ohm[b]) / noise_ohm[a].hypot(noise_ohm[b]));
         let unlike: Vec<f64> = unlike.collect();
-        let is_noise = unlike.len() >= FEWEST_PAIRS && exceeds_noise(unlike.into_iter());
-        self.noisy_frames = if are_large { self.noisy_frames + 1 } else { 0 };
+        let can_tell = unlike.len() >= FEWEST_PAIRS;
+        let unlike = median_size(unlike.into_iter());
+        // Of noise both are equal; of a touch that moves the pairs differ by what it moves from one to the other.
+        let is_noise = can_tell && exceeds_noise(unlike) && unlike > UNLIKE_JUMPS * single;
+        self.noisy_frames = if are_large && !can_tell { self.noisy_frames + 1 } else { 0 };
         Jumps { are_large, is_noise }
     }
 
@@ -359,10 +363,14 @@ pub(super) fn is_most(marked: &[bool]) -> bool {
     2 * marked.iter().filter(|marked| **marked).count() > marked.len()
 }
 
-/// Whether second differences, in units of the noise of a value, are at the median far above noise.
-fn exceeds_noise(jumps: impl Iterator<Item = f64>) -> bool {
-    let sizes: Vec<f64> = jumps.map(f64::abs).collect();
-    upper_median(&sizes).is_some_and(|median| median > JUMPS * NORMAL_MEDIAN * 6f64.sqrt())
+/// The median size of second differences, in units of the noise of a value; 0 without one.
+fn median_size(jumps: impl Iterator<Item = f64>) -> f64 {
+    upper_median(&jumps.map(f64::abs).collect::<Vec<f64>>()).unwrap_or(0.0)
+}
+
+/// Whether it is far above noise.
+fn exceeds_noise(median: f64) -> bool {
+    median > JUMPS * NORMAL_MEDIAN * 6f64.sqrt()
 }
 
 /// Whether a checksum is among the last ones; keeps it.

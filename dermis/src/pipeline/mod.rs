@@ -44,6 +44,7 @@
 //! ```
 
 mod baseline;
+mod cause;
 mod common_mode;
 mod condition;
 mod contact;
@@ -54,6 +55,7 @@ mod error;
 mod frame;
 mod health;
 mod instrument;
+mod matched_filter;
 mod novelty;
 mod process;
 mod read;
@@ -62,6 +64,7 @@ mod reports;
 mod settings;
 mod state;
 mod statistics;
+mod tare;
 mod timestamp;
 mod touch_detector;
 mod trial;
@@ -87,6 +90,7 @@ use crate::method::{Method, MethodSet};
 use crate::pipeline::common_mode::CommonMode;
 use crate::pipeline::drift::DriftFitter;
 use crate::pipeline::electrodes::ElectrodeTopology;
+use crate::pipeline::matched_filter::MatchedFilter;
 use crate::pipeline::reports::Reports;
 use crate::pipeline::state::Phase;
 use crate::skin::Skin;
@@ -108,6 +112,10 @@ pub struct Pipeline {
     /// What the channels cost that the method was prepared without.
     cost: Option<Cost>,
     reports: Reports,
+    /// The test for weak touches; `None` during a tare.
+    filter: Option<MatchedFilter>,
+    /// Why the last frames of the tare make no baseline.
+    refusal: Option<tare::Refusal>,
     detector: Detector,
     /// The noise of untouched images.
     noise: Option<ImageNoise>,
@@ -160,6 +168,8 @@ impl Pipeline {
             masked,
             cost: None,
             reports: Reports::default(),
+            filter: None,
+            refusal: None,
             image: Image::zeros(skin.pixels()),
             detector: Detector::default(),
             noise: None,
@@ -172,6 +182,7 @@ impl Pipeline {
             state,
             methods,
         };
+        pipeline.prepare_filter()?;
         let masked = pipeline.state.method_masked.clone();
         let rest_ohm = pipeline.rebuild_job().rest_ohm.filter(|_| pipeline.state.method_adapted);
         match masked.is_empty() && rest_ohm.is_none() {
@@ -316,6 +327,15 @@ impl Pipeline {
             Some(noise) => detector.with_noise(noise.clone()),
             None => detector,
         };
+    }
+
+    /// Prepares the test for weak touches, from the frames of the tare.
+    fn prepare_filter(&mut self) -> Result<(), PipelineError> {
+        let Phase::Reading(reading) = &self.state.phase else { return Ok(()) };
+        let noise_ohm = reading.electrodes.noise_ohm();
+        self.filter =
+            Some(MatchedFilter::new(self.methods.skin(), self.fitter.modes(), noise_ohm, &reading.untouched)?);
+        Ok(())
     }
 
     /// Measures the noise of the method's images, from the frames of the tare.

@@ -12,6 +12,7 @@ use crate::pipeline::novelty::NoveltyMonitor;
 use crate::pipeline::read::Outcome;
 use crate::pipeline::state::{MaskedTime, Phase, Reading};
 use crate::pipeline::statistics::{Statistics, difference};
+use crate::pipeline::tare::{self, Refusal, Tared};
 use crate::pipeline::timestamp::Timestamp;
 use crate::pipeline::touch_detector::TouchDetector;
 use crate::pipeline::trial::TrialMeans;
@@ -44,12 +45,16 @@ impl Pipeline {
     pub fn process(&mut self, input: FrameInput) -> Result<PipelineFrame, PipelineError> {
         self.check(&input)?;
         let time = self.advance(&input);
-        let Outcome { validity, touched, contacts } = match self.state.phase.take() {
+        let Outcome { validity, touched, contacts, .. } = match self.state.phase.take() {
             Phase::Taring { frames } => self.tare(frames, &input.measurement, time.at)?,
             Phase::Reading(mut reading) => {
                 let outcome = self.read(&mut reading, &input.measurement, time);
                 self.state.phase = Phase::Reading(reading);
-                outcome?
+                let outcome = outcome?;
+                if outcome.tare_again {
+                    self.tare_again(time.at);
+                }
+                outcome
             }
         };
         if !validity.is_usable() {
@@ -117,10 +122,37 @@ impl Pipeline {
         frames.push(measurement.clone());
         if frames.len() < self.state.settings.tare_frames {
             self.state.phase = Phase::Taring { frames };
-        } else {
-            self.finish_tare(&frames, at)?;
+            return Ok(Outcome::invalid(InvalidReason::Tare));
+        }
+        let skin = self.methods.skin();
+        let model = skin.forward().solve(skin.forward().rest_conductivity()).map_err(crate::Error::from)?;
+        match tare::judge(frames, &skin.design().protocol, &model, self.state.settings.force_tare) {
+            Ok(Tared { frames, doubt }) => {
+                self.refusal = None;
+                self.finish_tare(&frames, at)?;
+                if let Some(found) = doubt {
+                    self.notice(Severity::Warning, format!("{}; {}", found.evidence, found.fix), at);
+                }
+            }
+            Err((refusal, frames)) => {
+                self.state.phase = Phase::Taring { frames: Refusal::kept(frames) };
+                // Once for each reason.
+                if self.refusal.as_ref().map(std::mem::discriminant) != Some(std::mem::discriminant(&refusal)) {
+                    self.notice(Severity::Warning, refusal.text(), at);
+                    self.refusal = Some(refusal);
+                }
+            }
         }
         Ok(Outcome::invalid(InvalidReason::Tare))
+    }
+
+    /// Begins to tare again.
+    fn tare_again(&mut self, at: Timestamp) {
+        let text =
+            "a touch has ended that was there at the tare: the skin is tared again. Leave it untouched until then";
+        self.notice(Severity::Warning, text.into(), at);
+        self.state.tracker.clear();
+        self.state.phase = Phase::Taring { frames: Vec::new() };
     }
 
     /// Starts to detect contacts, with the frames of the tare.
@@ -143,11 +175,14 @@ impl Pipeline {
             trials: TrialMeans::new(self.topology.channel_count()),
             masked_time: MaskedTime::default(),
             novelty: NoveltyMonitor::default(),
+            is_felt: false,
+            ended_judgements: 0,
             quiet_since_s: None,
             unexplained_since_s: None,
         }));
         self.notice(Severity::Info, format!("tared with {} frames; {noise}", frames.len()), at);
         self.warn_after_tare(at);
+        self.prepare_filter()?;
         if self.state.method_adapted {
             // To the tare before.
             self.method = self.state.settings.method_of(&self.methods, &self.state.settings.method)?.clone();

@@ -2,7 +2,8 @@
 
 use crate::finding::Severity;
 use crate::geom::Point3;
-use crate::pipeline::baseline::TouchedFrame;
+use crate::pipeline::baseline::{ChannelNoise, TouchedFrame};
+use crate::pipeline::cause::{Cause, cause};
 use crate::pipeline::common_mode::CommonMode;
 use crate::pipeline::condition::PartMonitor;
 use crate::pipeline::contact::TrackedContact;
@@ -24,17 +25,24 @@ use crate::track::Sighting;
 /// Maximum signal of a sighting that cannot start a contact.
 const NOT_TO_BEGIN: f64 = 0.99;
 
+/// What a touch is, is judged once in this many frames, ...
+const JUDGED_FRAMES: u64 = 6;
+/// ... and the end of one that was there at the tare so many times in a row.
+const ENDED_JUDGEMENTS: u32 = 2;
+
 /// The contacts of a frame.
 pub(super) struct Outcome {
     pub validity: Validity,
     pub touched: Option<bool>,
     pub contacts: Vec<TrackedContact>,
+    /// The baseline is that of a touched skin.
+    pub tare_again: bool,
 }
 
 impl Outcome {
     /// Of an invalid frame.
     pub(super) fn invalid(reason: InvalidReason) -> Self {
-        Outcome { validity: Validity::Invalid { reason }, touched: None, contacts: Vec::new() }
+        Outcome { validity: Validity::Invalid { reason }, touched: None, contacts: Vec::new(), tare_again: false }
     }
 }
 
@@ -95,7 +103,21 @@ impl Pipeline {
         if let Some(since_s) = reading.masked_time.update(&signal.masked, time.time_s) {
             self.judge_again(reading, since_s);
         }
-        let felt = reading.touch_detector.update(signal.statistic);
+        let mut felt = reading.touch_detector.update(signal.statistic);
+        if !felt && let Some(filter) = &self.filter {
+            felt = filter.feels(&signal.difference, reading.is_felt);
+        }
+        reading.is_felt = felt;
+        if felt && self.state.frames.is_multiple_of(JUDGED_FRAMES) {
+            match self.cause(reading, signal)? {
+                Cause::Touch => reading.ended_judgements = 0,
+                Cause::Ended => reading.ended_judgements += 1,
+                Cause::Drift(drift_ohm) => return Ok(self.drifted(reading, signal, &drift_ohm, time)),
+            }
+            if reading.ended_judgements >= ENDED_JUDGEMENTS {
+                return Ok(Outcome { tare_again: true, ..Outcome::invalid(InvalidReason::Tare) });
+            }
+        }
         let sightings = self.sightings(signal, felt)?;
         let tracked = self.state.tracker.update(&sightings, time.time_s);
         let (settings, start) = (&self.state.settings, self.state.start.unwrap_or_default());
@@ -108,7 +130,29 @@ impl Pipeline {
         let touched = felt || !contacts.is_empty();
         let aged = reading.novelty.update(touched, || self.method.reconstruct().novelty(&signal.difference));
         self.warn_of_ageing(aged, time.at);
-        Ok(Outcome { validity: self.validity(&signal.masked), touched: Some(touched), contacts })
+        Ok(Outcome { validity: self.validity(&signal.masked), touched: Some(touched), contacts, tare_again: false })
+    }
+
+    /// What the difference of a touched frame is.
+    fn cause(&self, reading: &Reading, signal: &Signal<'_>) -> Result<Cause, PipelineError> {
+        let noise = ChannelNoise { sd_ohm: reading.electrodes.noise_ohm(), masked: &signal.masked };
+        Ok(cause(self.methods.skin(), self.fitter.modes(), &signal.difference, noise)?)
+    }
+
+    /// Takes drift without a touch into the baseline: there is no contact.
+    fn drifted(&mut self, reading: &mut Reading, signal: &Signal<'_>, drift_ohm: &[f64], time: FrameTime) -> Outcome {
+        let baseline = reading.baseline.values_ohm_mut().iter_mut().zip(drift_ohm).zip(&signal.masked);
+        baseline.filter(|(_, masked)| !**masked).for_each(|((value, drift), _)| *value += drift);
+        reading.touch_detector.end_touch();
+        self.state.tracker.clear();
+        let text = "the skin has drifted under a touch: the drift is taken into the baseline";
+        self.notice(Severity::Info, text.into(), time.at);
+        Outcome {
+            validity: self.validity(&signal.masked),
+            touched: Some(false),
+            contacts: Vec::new(),
+            tare_again: false,
+        }
     }
 
     /// Requires that contacts exceed the threshold to begin again that have begun since `since_s`, while channels were

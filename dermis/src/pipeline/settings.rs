@@ -24,11 +24,22 @@ pub struct Settings {
     /// [sign](crate::contact::Contact::conductance). Linear methods only.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub both_signs: bool,
+    /// Whether a tare accepts frames that are unlike the model of the design, and frames that are all the same, as those of a
+    /// simulation without noise.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub force_tare: bool,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { method: String::new(), threshold: 1.0, zones: Vec::new(), tare_frames: 100, both_signs: false }
+        Settings {
+            method: String::new(),
+            threshold: 1.0,
+            zones: Vec::new(),
+            tare_frames: 100,
+            both_signs: false,
+            force_tare: false,
+        }
     }
 }
 

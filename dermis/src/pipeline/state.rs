@@ -72,6 +72,12 @@ pub(super) struct Reading {
     /// Their mean, ohm; empty in older states.
     #[serde(default)]
     pub rest_ohm: Vec<f64>,
+    /// Whether the last frame was touched, by either test.
+    #[serde(default)]
+    pub is_felt: bool,
+    /// How often in a row the change was the end of a touch.
+    #[serde(default)]
+    pub ended_judgements: u32,
     /// Start of the time without a touch, s.
     pub quiet_since_s: Option<f64>,
     /// Start of the time in which frames differ from the baseline without a contact, s.

@@ -190,7 +190,22 @@ pub fn image_noise(
     untouched: &[Frame],
     protocol: &Protocol,
 ) -> Result<Option<ImageNoise>, ReconstructError> {
-    let (Some(noise), Some(rest)) = (ChannelNoise::of(untouched, protocol), mean(untouched)) else { return Ok(None) };
+    match ChannelNoise::of(untouched, protocol) {
+        Some(noise) => image_noise_of(method, &noise, untouched),
+        None => Ok(None),
+    }
+}
+
+/// The same of a known noise of the channels.
+///
+/// # Errors
+/// As [`image_noise`].
+pub(crate) fn image_noise_of(
+    method: &dyn Reconstruct,
+    noise: &ChannelNoise,
+    untouched: &[Frame],
+) -> Result<Option<ImageNoise>, ReconstructError> {
+    let Some(rest) = mean(untouched) else { return Ok(None) };
     let sd_ohm = noise.sd_of_difference_ohm();
     if let Some(matrix) = method.matrix() {
         return Ok(Some(ImageNoise::from_matrix(matrix, &sd_ohm)));

@@ -11,6 +11,7 @@ use crate::identify::{Identifier, IdentifyOptions};
 use crate::image::PixelSpace;
 use crate::reconstruct::{FEWEST_UNTOUCHED_FRAMES, Quantity, Reconstruct, ReconstructError};
 use crate::refine::{RefineOptions, Refiner};
+use crate::stats::rms;
 use std::sync::{Arc, OnceLock};
 
 /// The noise of a channel that uses a driven electrode is at least this many times that of the others: its converter
@@ -19,6 +20,10 @@ const DRIVEN_NOISE: f64 = 2.0;
 /// A skin whose misfit is larger than this is not one that the model describes: its contacts are not refined. The unit is
 /// an unexplained 0.1 % of the values; a press changes them by 0.5 to 2 %. Skins of the twin `harsh` reach 2.2.
 const MOST_MISFIT: f64 = 4.0;
+/// The sign of an amplitude is that of the model's value where this is larger than this part of the root mean square.
+const SIGN_IS_KNOWN: f64 = 0.05;
+/// Part of a change that touches on the skin as designed do not explain: it has another coat than the skin.
+const MISFIT_AS_DESIGNED: f64 = 0.4;
 /// Force of a fitted strength, for methods that state forces: presses of 1 to 5 N on the twins `lab` with the seeds 2001
 /// and 2002.
 const FORCES: Forces = Forces { newtons_per_strength: 15_500.0, relative_sd: 0.33, most_n: Some(7.5) };
@@ -30,8 +35,11 @@ const FORCES: Forces = Forces { newtons_per_strength: 15_500.0, relative_sd: 0.3
 #[derive(Clone)]
 pub struct Refined {
     method: Arc<dyn Reconstruct>,
+    /// With the signs of the values, and its model.
     design: Arc<SkinDesign>,
     model: ForwardModel,
+    /// Whether the instrument records signs.
+    is_signed: bool,
     /// Prepared when it is first needed.
     identifier: Arc<OnceLock<Identifier>>,
     excluded: Vec<usize>,
@@ -43,8 +51,8 @@ pub struct Refined {
 enum Refinement {
     /// The method has not been adapted to untouched frames.
     NotAdapted,
-    /// With the factor from the model's frames to those of the instrument.
-    Prepared(Arc<Refiner>, f64),
+    /// With the factor of each channel from the instrument's values to those of the model.
+    Prepared(Arc<Refiner>, Arc<[f64]>),
     /// The skin is not one that the model describes.
     Impossible { warning: String },
 }
@@ -62,8 +70,13 @@ impl Refined {
         options: RefineOptions,
     ) -> crate::Result<Self> {
         Refiner::check(model)?;
-        let (design, model, identifier) = (Arc::new(design.clone()), model.clone(), Arc::default());
-        Ok(Refined { method, design, model, identifier, excluded, options, refinement: Refinement::NotAdapted })
+        let is_signed = !design.protocol.amplitude_only();
+        // Amplitudes are given the signs of the model.
+        let design = SkinDesign { protocol: design.protocol.clone().with_amplitude_only(false), ..design.clone() };
+        let model = if is_signed { model.clone() } else { ForwardModel::new(&design, model.mesh())? };
+        let (design, identifier) = (Arc::new(design), Arc::default());
+        let refinement = Refinement::NotAdapted;
+        Ok(Refined { method, design, model, identifier, is_signed, excluded, options, refinement })
     }
 
     fn identifier(&self) -> crate::Result<&Identifier> {
@@ -76,14 +89,14 @@ impl Refined {
 
     fn refinement(&self, rest: &Frame, untouched: &[Frame]) -> crate::Result<Refinement> {
         let sd_ohm = self.noise_ohm(untouched);
-        if self.design.protocol.amplitude_only() {
+        if !self.is_signed {
             return self.of_amplitudes(rest, &sd_ohm);
         }
         let of_mean: Vec<f64> = sd_ohm.iter().map(|sd| sd / (untouched.len() as f64).sqrt()).collect();
         let reason = match self.identifier()?.identify(rest, &of_mean) {
             Ok(skin) if skin.misfit <= MOST_MISFIT => {
                 let refiner = Refiner::new(&self.design.body, skin.model(), &sd_ohm, self.options)?;
-                return Ok(Refinement::Prepared(Arc::new(refiner), 1.0));
+                return Ok(Refinement::Prepared(Arc::new(refiner), vec![1.0; rest.len()].into()));
             }
             Ok(skin) => format!("their misfit is {:.1}, the limit {MOST_MISFIT}", skin.misfit),
             // The search of a skin that explains other values leads to ones that cannot be solved.
@@ -94,14 +107,20 @@ impl Refined {
         Ok(Refinement::Impossible { warning })
     }
 
-    /// The refinement of frames without signs, which do not identify a skin: on the skin as designed.
+    /// The refinement of amplitudes, which do not identify a skin: on the skin as designed, which explains less of a change. They
+    /// have the signs of the model's values, where these are known, and any unit.
     fn of_amplitudes(&self, rest: &Frame, sd_ohm: &[f64]) -> crate::Result<Refinement> {
-        let model: Vec<f64> =
-            self.model.solve(self.model.rest_conductivity())?.iter().map(|value| value.abs()).collect();
-        let factor = scale::robust(rest, &model, (0..model.len()).filter(|&channel| sd_ohm[channel] > 0.0));
-        let sd_ohm: Vec<f64> = sd_ohm.iter().map(|sd| sd / factor).collect();
-        let refiner = Refiner::new(&self.design.body, &self.model, &sd_ohm, self.options)?;
-        Ok(Refinement::Prepared(Arc::new(refiner), factor))
+        let model = self.model.solve(self.model.rest_conductivity())?;
+        let sizes: Vec<f64> = model.iter().map(|value| value.abs()).collect();
+        let least = SIGN_IS_KNOWN * rms(model.iter().copied());
+        let is_known = |channel: usize| sizes[channel] > least;
+        let scale = scale::robust(rest, &sizes, (0..sizes.len()).filter(|&channel| is_known(channel)));
+        let factor = |channel: usize| if is_known(channel) { model[channel].signum() / scale } else { 0.0 };
+        let factors: Vec<f64> = (0..sizes.len()).map(factor).collect();
+        let sd_ohm: Vec<f64> = sd_ohm.iter().zip(&factors).map(|(sd, factor)| sd * factor.abs()).collect();
+        let options = RefineOptions { misfit: self.options.misfit.max(MISFIT_AS_DESIGNED), ..self.options };
+        let refiner = Refiner::new(&self.design.body, &self.model, &sd_ohm, options)?;
+        Ok(Refinement::Prepared(Arc::new(refiner), factors.into()))
     }
 
     /// The standard deviation of each channel in untouched frames, ohm; 0 for one that is left out, broken, constant, or uses a
@@ -154,12 +173,13 @@ impl Reconstruct for Refined {
 
     fn correct(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
         self.method.correct(difference, contacts);
-        let Refinement::Prepared(refiner, factor) = &self.refinement else { return };
-        let factor = match self.design.sheet.touch {
-            TouchEffect::ConductanceRises => *factor,
-            TouchEffect::ConductanceFalls => -factor,
+        let Refinement::Prepared(refiner, factors) = &self.refinement else { return };
+        let sign = match self.design.sheet.touch {
+            TouchEffect::ConductanceRises => 1.0,
+            TouchEffect::ConductanceFalls => -1.0,
         };
-        refiner.refine(&difference.iter().map(|value| value / factor).collect::<Vec<f64>>(), contacts);
+        let of_model = difference.iter().zip(factors.iter()).map(|(value, factor)| sign * value * factor);
+        refiner.refine(&of_model.collect::<Vec<f64>>(), contacts);
         if self.method.detection().forces.is_some() {
             for contact in contacts.iter_mut().filter(|contact| contact.force_n.is_nan()) {
                 [contact.force_n, contact.force_sd_n] = FORCES.of(contact.strength);

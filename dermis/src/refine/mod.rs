@@ -139,8 +139,8 @@ pub struct Refiner {
 
 impl Refiner {
     /// Prepares the responses of touches at all places of a body: of the forward model at its rest conductivity, for
-    /// values with the given standard deviations, ohm. Channels whose deviation is not finite and positive are left out. For
-    /// an instrument that reports amplitudes the signs are those of the model.
+    /// values with the given standard deviations, ohm. Channels whose deviation is not finite and positive are left out. An
+    /// instrument that reports amplitudes must be given the signs of the model.
     ///
     /// # Errors
     /// A body on which contacts cannot be refined, invalid options, no usable channel.

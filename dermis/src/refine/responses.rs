@@ -20,8 +20,6 @@ use std::collections::HashSet;
 
 /// Least width of a touch over the edge length of the cells: a density is sampled at the centres of the cells.
 const LEAST_WIDTH: f64 = 0.6;
-/// An amplitude whose value in the model is below this part of their root mean square has no known sign.
-const SIGN_IS_KNOWN: f64 = 0.05;
 /// Directions of the values in which touches change a frame by less than this part of the largest are left out.
 const LEAST_PART: f64 = 1e-3;
 /// One of this many cells is used to find them.
@@ -96,8 +94,7 @@ impl Responses {
         noise_ohm: &[f64],
         options: &RefineOptions,
     ) -> Result<Self, RefineError> {
-        let signs = signs(model)?;
-        let (values, sd_ohm) = values(model, noise_ohm, &signs);
+        let (values, sd_ohm) = values(model, noise_ohm);
         if values.is_empty() {
             return Err(RefineError::NoChannel);
         }
@@ -128,16 +125,15 @@ impl Responses {
             DriftSpread { sheet: options.coating_drift, contact: options.contact_drift, ..DriftSpread::default() };
         let drifts = directions(model, &spread)?;
         responses.whitening = Whitening::new((0..drifts.rows).map(|row| responses.over_noise(drifts.row(row))));
-        responses.fill(model, &order, &signs)?;
+        responses.fill(model, &order)?;
         responses.prepare_search();
         Ok(responses)
     }
 
     /// Computes the table: the whitened change of the values by each tensor on each cell, in a basis of what touches change.
-    fn fill(&mut self, model: &ForwardModel, order: &[usize], signs: &[f64]) -> Result<(), RefineError> {
+    fn fill(&mut self, model: &ForwardModel, order: &[usize]) -> Result<(), RefineError> {
         let potentials = model.potentials(model.rest_conductivity())?;
-        let of_cell =
-            |index: usize| self.cell_changes(model, &potentials, signs, order[index], &self.cells[index].place);
+        let of_cell = |index: usize| self.cell_changes(model, &potentials, order[index], &self.cells[index].place);
         let sample: Vec<Vec<f64>> =
             (0..order.len()).into_par_iter().step_by(BASIS_STRIDE).flat_map_iter(of_cell).collect();
         let basis = basis(&sample);
@@ -158,14 +154,7 @@ impl Responses {
     /// The whitened changes of the values by a relative change of the conductance of a cell, over its area: even, along the
     /// first axis less along the second, and along both. With the fields `u` of a drive and `m` of a measured pair the
     /// voltage changes by `-sigma (S grad u) . grad m` times the area (Geselowitz, 1971, DOI 10.1109/TBME.1971.4502787).
-    fn cell_changes(
-        &self,
-        model: &ForwardModel,
-        potentials: &Matrix,
-        signs: &[f64],
-        cell: usize,
-        place: &Place,
-    ) -> [Vec<f64>; 3] {
+    fn cell_changes(&self, model: &ForwardModel, potentials: &Matrix, cell: usize, place: &Place) -> [Vec<f64>; 3] {
         let gradients = Gradients::new(model.mesh(), cell);
         let corners = model.mesh().cells.corners(cell);
         let mut fields = vec![[0.0; 2]; potentials.columns];
@@ -185,7 +174,7 @@ impl Responses {
             for &(channel, weight) in value {
                 let [u, m] = [channels[channel].drive, channels[channel].measure]
                     .map(|[from, to]| [fields[from][0] - fields[to][0], fields[from][1] - fields[to][1]]);
-                let scale = weight * signs[channel] * factor / sd;
+                let scale = weight * factor / sd;
                 sums[0] += scale * (u[0] * m[0] + u[1] * m[1]);
                 sums[1] += scale * (u[0] * m[0] - u[1] * m[1]);
                 sums[2] += scale * (u[0] * m[1] + u[1] * m[0]);
@@ -332,21 +321,10 @@ impl Responses {
     }
 }
 
-/// The sign of each channel's value: 1 for an instrument that records it, 0 where it is not known.
-fn signs(model: &ForwardModel) -> Result<Vec<f64>, RefineError> {
-    if !model.protocol().amplitude_only() {
-        return Ok(vec![1.0; model.protocol().channel_count()]);
-    }
-    let rest = model.solve(model.rest_conductivity())?;
-    let least = SIGN_IS_KNOWN * crate::stats::rms(rest.iter().copied());
-    Ok(rest.iter().map(|value| if value.abs() > least { value.signum() } else { 0.0 }).collect())
-}
-
 /// The values of a frame that are fitted: each the mean of the usable channels of a quantity, with its standard
 /// deviation.
-fn values(model: &ForwardModel, noise_ohm: &[f64], signs: &[f64]) -> (Vec<Vec<(usize, f64)>>, Vec<f64>) {
-    let is_usable =
-        |channel: usize| noise_ohm[channel].is_finite() && noise_ohm[channel] > 0.0 && signs[channel] != 0.0;
+fn values(model: &ForwardModel, noise_ohm: &[f64]) -> (Vec<Vec<(usize, f64)>>, Vec<f64>) {
+    let is_usable = |channel: usize| noise_ohm[channel].is_finite() && noise_ohm[channel] > 0.0;
     let mut all = (Vec::new(), Vec::new());
     for group in quantities(model.protocol()) {
         let channels: Vec<(usize, f64)> = group.into_iter().filter(|&(channel, _)| is_usable(channel)).collect();
@@ -355,7 +333,7 @@ fn values(model: &ForwardModel, noise_ohm: &[f64], signs: &[f64]) -> (Vec<Vec<(u
         }
         let count = channels.len() as f64;
         let variance = channels.iter().map(|&(channel, _)| noise_ohm[channel].powi(2)).sum::<f64>();
-        all.0.push(channels.into_iter().map(|(channel, sign)| (channel, sign * signs[channel] / count)).collect());
+        all.0.push(channels.into_iter().map(|(channel, sign)| (channel, sign / count)).collect());
         all.1.push(variance.sqrt() / count);
     }
     all

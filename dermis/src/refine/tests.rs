@@ -306,28 +306,6 @@ fn a_body_without_a_chart_has_the_same_contacts() {
     }
 }
 
-/// An instrument without signs: those of the model are used.
-#[test]
-fn amplitudes_give_the_contacts_of_signed_values() {
-    let mut design = SkinDesign::shipped("cylinder30").unwrap();
-    let mesh = Mesh::generate(&design).unwrap();
-    let signed = ForwardModel::new(&design, &mesh).unwrap();
-    design.protocol = design.protocol.clone().with_amplitude_only(true);
-    let model = ForwardModel::new(&design, &mesh).unwrap();
-    let noise = vec![0.1; 870];
-    let [of_signed, of_amplitudes] =
-        [&signed, &model].map(|model| Refiner::new(&design.body, model, &noise, RefineOptions::default()).unwrap());
-    let surface = design.body.surface();
-    let place = surface.at(0.12, 2.0).unwrap();
-    let rest = signed.solve(signed.rest_conductivity()).unwrap();
-    let change = of_signed.change(place, 5e-5).into_iter().zip(rest.iter());
-    let amplitudes: Vec<f64> = change.map(|(change, rest)| (rest + change).abs() - rest.abs()).collect();
-    let mut contacts = vec![contact(moved(&surface, place, [3e-3, -2e-3]))];
-    of_amplitudes.refine(&amplitudes, &mut contacts);
-    let off_m = surface.distance_m(contacts[0].position_m, place);
-    assert!(contacts.len() == 1 && off_m < 5e-5, "{off_m}");
-}
-
 #[test]
 fn bad_input_is_refused_with_its_name() {
     let mut design = SkinDesign::shipped("tank16").unwrap();

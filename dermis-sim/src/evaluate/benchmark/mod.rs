@@ -3,12 +3,14 @@
 mod bound;
 mod coverage;
 mod edges;
+mod families;
 mod force;
 mod least_force;
 mod separation;
 
 pub use bound::BenchmarkBound;
 pub use coverage::Covered;
+pub use families::{DrawnSkin, FamiliesResult, FamilyScore};
 pub use force::{FORCES_PER_POSITION, ForceScore};
 
 use crate::evaluate::score::score_contacts;

@@ -1,0 +1,170 @@
+//! The most sensitive test for a small touch in the voltages.
+
+use crate::design::TouchEffect;
+use crate::estimate::whitening::Whitening;
+use crate::forward::Matrix;
+use crate::skin::Skin;
+use crate::stats::rms;
+use pulp::{Simd, WithSimd};
+
+/// Places of touches that are tried, at most.
+const MOST_PLACES: usize = 1000;
+/// Lanes of the sums.
+const LANES: usize = 16;
+/// The quantile that the largest of 1,000 outputs of noise exceeds once in an hour at 120 frames a second:
+/// `Q(z) = 1 / (1000 x 432,000)`; neighbouring places are not independent, so that it is rarer.
+const QUANTILE: f64 = 5.95;
+/// The deviation of an output is measured in the frames of the tare and may be larger by this many of its standard errors.
+const ERRORS: f64 = 3.0;
+/// A touch ends below this fraction of the threshold.
+const RELEASE: f64 = 0.6;
+
+/// For each place the best linear test for a small touch there (North, 1963, DOI 10.1109/PROC.1963.2383): the product of a
+/// difference with the change by a touch, both whitened by the noise of the channels and by drift. The statistic is the largest
+/// over the places, in standard deviations.
+///
+/// A touch of known form and place is felt at `QUANTILE` deviations of one number, where the sum of all squares of
+/// [`TouchDetector`](super::touch_detector::TouchDetector) needs as much of a number whose deviation is `sqrt(2 n)`.
+#[derive(Debug, Clone)]
+pub(super) struct MatchedFilter {
+    /// Places x channels, zeros behind the last channel: unit deviation of each product.
+    table: Vec<f32>,
+    width: usize,
+    whitening: Whitening,
+    over_noise: Vec<f64>,
+    threshold: f64,
+}
+
+impl MatchedFilter {
+    /// For noise, drift by its modes (modes x channels, ohm) and the untouched differences that they were measured in.
+    ///
+    /// # Errors
+    /// A skin whose forward problem cannot be solved.
+    pub(super) fn new(skin: &Skin, modes: &Matrix, noise_ohm: &[f64], untouched: &[Vec<f64>]) -> crate::Result<Self> {
+        let jacobian = &skin.linearised()?.jacobian;
+        let sign = match skin.design().sheet.touch {
+            TouchEffect::ConductanceRises => 1.0,
+            TouchEffect::ConductanceFalls => -1.0,
+        };
+        let is_usable = |sd: &f64| sd.is_finite() && *sd > 0.0;
+        let over_noise: Vec<f64> = noise_ohm.iter().map(|sd| if is_usable(sd) { 1.0 / sd } else { 0.0 }).collect();
+        let scaled = |values: &mut dyn Iterator<Item = f64>| -> Vec<f64> {
+            values.zip(&over_noise).map(|(value, over)| value * over).collect()
+        };
+        let whitening = Whitening::new((0..modes.rows).map(|mode| scaled(&mut modes.row(mode).iter().copied())));
+        let width = noise_ohm.len().next_multiple_of(LANES);
+        let places = (0..jacobian.columns).step_by(jacobian.columns.div_ceil(MOST_PLACES));
+        let mut table = Vec::with_capacity(places.len() * width);
+        for place in places {
+            let mut row = scaled(&mut (0..jacobian.rows).map(|channel| sign * jacobian.at(channel, place)));
+            whitening.apply(&mut row);
+            let norm = crate::linalg::dot(&row, &row).sqrt().max(f64::MIN_POSITIVE);
+            table.extend(row.iter().map(|value| (value / norm) as f32));
+            table.resize(table.len().next_multiple_of(width), 0.0);
+        }
+        let mut filter = MatchedFilter { table, width, whitening, over_noise, threshold: f64::INFINITY };
+        filter.measure(untouched);
+        Ok(filter)
+    }
+
+    /// Measures the deviation of each product: noise of channels that is not independent is in few directions.
+    fn measure(&mut self, untouched: &[Vec<f64>]) {
+        let products: Vec<Vec<f32>> = untouched.iter().map(|difference| self.products(difference)).collect();
+        let deviation = |place: usize| rms(products.iter().map(|products| f64::from(products[place])));
+        let sd: Vec<f64> = (0..self.table.len() / self.width).map(deviation).collect();
+        let usual = rms(sd.iter().copied());
+        let freedom = untouched.len().max(2) as f64 - 1.0;
+        for (row, sd) in self.table.chunks_exact_mut(self.width).zip(&sd) {
+            // Not far below the usual one: that is chance.
+            let factor = sd.max(0.5 * usual).recip().min(1.0) as f32;
+            row.iter_mut().for_each(|value| *value *= factor);
+        }
+        self.threshold = QUANTILE * (1.0 + ERRORS / (2.0 * freedom).sqrt());
+    }
+
+    /// The product with each place.
+    fn products(&self, difference: &[f64]) -> Vec<f32> {
+        let mut values: Vec<f64> = difference.iter().zip(&self.over_noise).map(|(value, over)| value * over).collect();
+        self.whitening.apply(&mut values);
+        let mut values: Vec<f32> = values.into_iter().map(|value| value as f32).collect();
+        values.resize(self.width, 0.0);
+        let mut products = vec![0.0; self.table.len() / self.width];
+        pulp::Arch::new().dispatch(Products { table: &self.table, values: &values, products: &mut products });
+        products
+    }
+
+    /// Whether a difference has a touch; `was_touched` if the frame before had one.
+    pub(super) fn feels(&self, difference: &[f64], was_touched: bool) -> bool {
+        let most = self.products(difference).into_iter().fold(f32::NEG_INFINITY, f32::max);
+        f64::from(most) > self.threshold * if was_touched { RELEASE } else { 1.0 }
+    }
+}
+
+struct Products<'a> {
+    table: &'a [f32],
+    values: &'a [f32],
+    products: &'a mut [f32],
+}
+
+impl WithSimd for Products<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let values = self.values.as_chunks::<LANES>().0;
+        for (row, product) in self.table.chunks_exact(self.values.len()).zip(self.products) {
+            let mut sums = [0.0f32; LANES];
+            for (row, value) in row.as_chunks::<LANES>().0.iter().zip(values) {
+                (0..LANES).for_each(|lane| sums[lane] += row[lane] * value[lane]);
+            }
+            *product = sums.iter().sum();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::drift::DriftFitter;
+    use dermis_sim::random::{sample_rng, standard_normal};
+
+    #[test]
+    fn weak_touches_are_felt_and_noise_and_drift_are_not() {
+        let skin = Skin::load("cylinder30").unwrap();
+        let fitter = DriftFitter::new(skin.clone()).unwrap();
+        let linear = skin.linearised().unwrap();
+        let count = linear.rest_frame.len();
+        let sd_ohm = vec![1e-3 * skin.design().protocol.undriven_rms(&linear.rest_frame); count];
+        let mut rng = sample_rng(4, 0);
+        // Half of the noise of each drive is common, as that of its current.
+        let mut noise = || -> Vec<f64> {
+            let common: Vec<f64> = (0..30).map(|_| standard_normal(&mut rng)).collect();
+            let value =
+                |channel: usize| sd_ohm[channel] * (common[channel / 29] + standard_normal(&mut rng)) / 2f64.sqrt();
+            (0..count).map(value).collect()
+        };
+        let untouched: Vec<Vec<f64>> = (0..100).map(|_| noise()).collect();
+        let filter = MatchedFilter::new(&skin, fitter.modes(), &sd_ohm, &untouched).unwrap();
+        assert!((0..5000).all(|_| !filter.feels(&noise(), false)));
+        let plus = |noise: Vec<f64>, of: &dyn Fn(usize) -> f64| -> Vec<f64> {
+            noise.into_iter().enumerate().map(|(channel, value)| value + of(channel)).collect()
+        };
+        let mut felt = 0;
+        for pixel in (5..900).step_by(61) {
+            let square: f64 = (0..count).map(|c| (linear.jacobian.at(c, pixel) / sd_ohm[c]).powi(2)).sum();
+            // Of 25 deviations: the sum of squares changes by 25^2 of 870 +- 42, where common noise scatters it more.
+            let strength = 25.0 / square.sqrt();
+            let mut touched = |sign: f64| {
+                let difference = noise();
+                plus(difference, &|channel| sign * strength * linear.jacobian.at(channel, pixel))
+            };
+            felt += i32::from(filter.feels(&touched(1.0), false));
+            assert!(!filter.feels(&touched(-0.3), false), "pixel {pixel}");
+        }
+        // At an electrode a touch is much like a change of the contact.
+        assert!(felt >= 13, "{felt} of 15");
+        for part in [0.003, 0.02] {
+            assert!(!filter.feels(&plus(noise(), &|channel| part * linear.rest_frame[channel]), false));
+        }
+    }
+}

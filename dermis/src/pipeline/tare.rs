@@ -1,0 +1,191 @@
+//! The tare: which frames make the baseline, and whether they can be frames of the untouched skin.
+
+use crate::estimate::noise::{ChannelNoise, NoiseSource};
+use crate::finding::{Finding, FindingKind};
+use crate::frame::Frame;
+use crate::pipeline::frame::Measurement;
+use crate::pipeline::touch_detector::statistic;
+use crate::plausibility::Plausibility;
+use crate::protocol::Protocol;
+use crate::stats::upper_median;
+
+/// A frame whose mean square deviation from the median frame is this many times what the changes from frame to frame explain is
+/// touched. A touch that stays below it and lasts for as many frames as are left out changes the mean by less than the noise of
+/// a frame.
+const MOVED: f64 = 3.0;
+/// With more touched frames than this part of a tare, the median may be touched, too: the tare takes longer.
+const MOST_MOVED: f64 = 0.2;
+/// Frames beside a touched one are left out: a touch begins and ends in them.
+const BESIDE: usize = 2;
+/// After a refusal, this part of the frames is replaced by new ones.
+const REPLACED: usize = 4;
+
+/// Frames of a tare that make a baseline.
+pub(super) struct Tared {
+    pub frames: Vec<Measurement>,
+    /// What is to be said of them.
+    pub doubt: Option<Finding>,
+}
+
+/// Why frames of a tare make no baseline.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Refusal {
+    /// The skin is touched, or its values change.
+    Moving { frames: usize, of: usize },
+    /// All frames are equal.
+    Frozen,
+    /// They are not those of the design.
+    Unlike(Box<Finding>),
+}
+
+impl Refusal {
+    /// In words, with the fix.
+    pub(super) fn text(&self) -> String {
+        match self {
+            Refusal::Moving { frames, of } => format!(
+                "no tare yet: {frames} of {of} frames differ from the others. Leave the skin untouched until the tare ends"
+            ),
+            Refusal::Frozen => {
+                "no tare: all frames are the same, as those of a frozen instrument. Check it; accept frames of a \
+                 simulation without noise with --force"
+                    .into()
+            }
+            Refusal::Unlike(found) => {
+                format!(
+                    "no tare: {}. Check that this is the skin of the design and that its instrument works: {}",
+                    found.evidence, found.fix
+                )
+            }
+        }
+    }
+
+    /// The frames that are kept for the next try.
+    pub(super) fn kept(mut frames: Vec<Measurement>) -> Vec<Measurement> {
+        frames.drain(..frames.len().div_ceil(REPLACED));
+        frames
+    }
+}
+
+/// Judges the frames of a tare. `is_forced` accepts equal frames and frames unlike the model.
+pub(super) fn judge(
+    frames: Vec<Measurement>,
+    protocol: &Protocol,
+    model: &Frame,
+    is_forced: bool,
+) -> Result<Tared, (Refusal, Vec<Measurement>)> {
+    let values: Vec<&[f64]> = frames.iter().map(|frame| frame.values_ohm.as_slice()).collect();
+    let median: Vec<f64> = (0..model.len())
+        .map(|channel| upper_median(&values.iter().map(|values| values[channel]).collect::<Vec<f64>>()).unwrap_or(0.0))
+        .collect();
+    let median = Frame(median);
+    // Broken channels are found by their own checks: they hardly count in the comparison.
+    let found = Plausibility::new(protocol, model, &[]).of_baseline(&median);
+    match found.as_ref().filter(|found| found.is_fault()) {
+        Some(found) if !is_forced || found.kind == FindingKind::Dead => {
+            return Err((Refusal::Unlike(Box::new(found.clone())), frames));
+        }
+        _ => {}
+    }
+    if !is_forced && values.windows(2).all(|pair| pair[0] == pair[1]) {
+        return Err((Refusal::Frozen, frames));
+    }
+    let moved = moved(&values, &median, protocol);
+    let count = moved.iter().filter(|moved| **moved).count();
+    if count as f64 > MOST_MOVED * frames.len() as f64 {
+        return Err((Refusal::Moving { frames: count, of: frames.len() }, frames));
+    }
+    let is_near_moved = |frame: usize| {
+        let near = frame.saturating_sub(BESIDE)..(frame + BESIDE + 1).min(moved.len());
+        count > 0 && moved[near].contains(&true)
+    };
+    let is_near: Vec<bool> = (0..frames.len()).map(is_near_moved).collect();
+    let kept = frames.into_iter().zip(is_near).filter(|(_, is_near)| !is_near).map(|(frame, _)| frame);
+    Ok(Tared { frames: kept.collect(), doubt: found })
+}
+
+/// Which frames differ from the median of all by more than successive frames from each other.
+fn moved(values: &[&[f64]], median: &Frame, protocol: &Protocol) -> Vec<bool> {
+    let step =
+        |pair: &[&[f64]]| -> Vec<f64> { pair[1].iter().zip(pair[0]).map(|(a, b)| (a - b) / 2f64.sqrt()).collect() };
+    let steps: Vec<Vec<f64>> = values.windows(2).map(step).collect();
+    let noise = ChannelNoise::of(&steps, protocol).filter(|noise| noise.source() == NoiseSource::Scatter);
+    let Some(noise) = noise else { return vec![false; values.len()] };
+    let unmasked = vec![false; median.len()];
+    let square = |values: &[f64]| statistic(values, noise.sd_ohm(), &unmasked);
+    let usual = upper_median(&steps.iter().map(|step| square(step)).collect::<Vec<f64>>()).unwrap_or(0.0);
+    let from_median = |values: &&[f64]| values.iter().zip(median.iter()).map(|(a, b)| a - b).collect::<Vec<f64>>();
+    values.iter().map(|values| square(&from_median(values)) > MOVED * usual).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::skin::Skin;
+    use dermis_sim::random::{sample_rng, standard_normal};
+
+    /// Frames of a skin with noise, with a touch of some size between two frames.
+    fn frames(skin: &Skin, touch: f64, [from, to]: [usize; 2], seed: u64) -> Vec<Measurement> {
+        let linear = skin.linearised().unwrap();
+        let mut rng = sample_rng(seed, 0);
+        let size = skin.design().protocol.undriven_rms(&linear.rest_frame);
+        let frame = |index: usize| {
+            let is_touched = index >= from && index < to;
+            let value = |channel: usize| {
+                let touch = if is_touched { touch * linear.jacobian.at(channel, 400) } else { 0.0 };
+                linear.rest_frame[channel] + touch + 0.003 * size * standard_normal(&mut rng)
+            };
+            Measurement { values_ohm: (0..linear.rest_frame.len()).map(value).collect(), ..Measurement::default() }
+        };
+        let mut frame = frame;
+        (0..100).map(&mut frame).collect()
+    }
+
+    #[test]
+    fn taps_are_left_out_and_long_ones_wait() {
+        let skin = Skin::load("cylinder30").unwrap();
+        let protocol = &skin.design().protocol;
+        let model = Frame(skin.linearised().unwrap().rest_frame.clone());
+        let judged = |touch: f64, span: [usize; 2]| judge(frames(&skin, touch, span, 5), protocol, &model, false);
+        for touch in [5.0, 50.0] {
+            let untouched = judged(0.0, [0, 0]).map_err(|(refusal, _)| refusal).unwrap();
+            assert_eq!((untouched.frames.len(), untouched.doubt), (100, None));
+            for length in [2, 5, 12, 20] {
+                for from in [0, 37, 100 - length] {
+                    let tared = judged(touch, [from, from + length]).map_err(|(refusal, _)| refusal).unwrap();
+                    assert!(tared.frames.len() + length + 2 * BESIDE >= 100 && tared.frames.len() <= 100 - length);
+                }
+            }
+            for length in [21, 30, 60, 79] {
+                let (refusal, frames) = judged(touch, [10, 10 + length]).err().expect("a touch");
+                assert!(matches!(refusal, Refusal::Moving { .. }), "{refusal:?}");
+                assert_eq!(Refusal::kept(frames).len(), 75);
+            }
+        }
+    }
+
+    #[test]
+    fn dead_frozen_and_foreign_frames_are_refused() {
+        let skin = Skin::load("cylinder30").unwrap();
+        let protocol = &skin.design().protocol;
+        let model = Frame(skin.linearised().unwrap().rest_frame.clone());
+        let sound = frames(&skin, 0.0, [0, 0], 6);
+        let refusal = |value: &dyn Fn(usize, usize) -> f64, is_forced: bool| {
+            let frame = |index: usize| Measurement {
+                values_ohm: (0..model.len()).map(|channel| value(index, channel)).collect(),
+                ..Measurement::default()
+            };
+            judge((0..100).map(frame).collect(), protocol, &model, is_forced).err().map(|(refusal, _)| refusal)
+        };
+        for is_forced in [false, true] {
+            let Some(Refusal::Unlike(found)) = refusal(&|_, _| 0.0, is_forced) else { panic!("zeros") };
+            assert_eq!(found.kind, FindingKind::Dead);
+        }
+        assert_eq!(refusal(&|_, channel| sound[0].values_ohm[channel], false), Some(Refusal::Frozen));
+        assert_eq!(refusal(&|_, channel| sound[0].values_ohm[channel], true), None);
+        let noise = |index: usize, channel: usize| sound[index].values_ohm[channel] - model[channel];
+        assert!(matches!(refusal(&noise, false), Some(Refusal::Unlike(_))));
+        let late = |index: usize, channel: usize| sound[index].values_ohm[(channel + 1) % model.len()];
+        let Some(Refusal::Unlike(found)) = refusal(&late, false) else { panic!("a value late") };
+        assert_eq!(found.kind, FindingKind::Order);
+    }
+}

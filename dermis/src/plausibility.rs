@@ -1,0 +1,468 @@
+//! Whether frames can be those of the skin that a design describes: asked before contacts are computed from them.
+//!
+//! Two frames agree as much as their cosine exceeds that of the same values in a random order:
+//!
+//! `agreement = (cos(a, b) - c) / (1 - c)`, `c = n mean(a) mean(b) / (|a| |b|)`.
+//!
+//! It does not depend on units and gains: 1 for proportional frames, about 0 for values in a wrong order, of another skin or of
+//! noise. Values larger than five times their median size are limited to it, so that single wrong channels hardly count.
+//!
+//! ```
+//! use dermis::finding::FindingKind;
+//! use dermis::frame::Frame;
+//! use dermis::plausibility::Plausibility;
+//! use dermis::skin::Skin;
+//!
+//! let skin = Skin::load("cylinder30")?;
+//! let rest = skin.forward().solve(skin.forward().rest_conductivity())?;
+//! let check = Plausibility::new(&skin.design().protocol, &rest, &[]);
+//! assert!(check.of_baseline(&rest).is_none());
+//! let turned = Frame(rest.iter().map(|value| -value).collect());
+//! assert_eq!(check.of_baseline(&turned).map(|found| found.kind), Some(FindingKind::SignTurned));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+use crate::finding::{Finding, FindingKind, Severity};
+use crate::frame::{Frame, mean};
+use crate::linalg::dot;
+use crate::protocol::Protocol;
+use crate::stats::upper_median;
+
+/// Frames that agree less than this with what they are compared with may be wrong. Untouched frames of real tanks and skins
+/// agree with an even model by 0.9 and more, touched ones with their baseline by 0.95 and more.
+pub const DOUBTFUL: f64 = 0.7;
+/// Frames that agree less than this are wrong: it is halfway to chance.
+pub const WRONG: f64 = 0.4;
+/// Another order or other signs are named if they agree at least this well.
+const NAMED: f64 = 0.9;
+/// Sorted values that agree at least this well are the right values in another order.
+const SAME_VALUES: f64 = 0.97;
+/// The median size of a touched frame over that of its baseline: beyond the first range it may be in other units, beyond the
+/// second it is.
+const RATIOS: [[f64; 2]; 2] = [[0.5, 2.0], [0.2, 5.0]];
+/// With the model's own frame as baseline: the part of the change that is the same in all frames, beyond which contacts are
+/// doubtful and wrong, if it is at least this part of the frame; and the fewest frames that can tell.
+const COMMON: [f64; 2] = [0.5, 0.9];
+const LEAST_ERROR: f64 = 0.02;
+const FEWEST_ROWS: usize = 5;
+/// Values are limited to this many times their median size.
+const LARGEST: f64 = 5.0;
+/// Fewer channels than this without a driven electrode tell nothing; all channels are compared then.
+const FEWEST: usize = 8;
+
+/// Compares frames with the model of a skin.
+#[derive(Debug, Clone)]
+pub struct Plausibility<'a> {
+    protocol: &'a Protocol,
+    /// The untouched frame of the model, ohm; of amplitudes where the instrument reports these.
+    model: Frame,
+    /// All channels that are compared, and those of them without a driven electrode.
+    used: Vec<usize>,
+    compared: Vec<usize>,
+}
+
+impl<'a> Plausibility<'a> {
+    /// For the untouched frame of a model, ohm. Channels that are left out are not compared.
+    ///
+    /// # Panics
+    /// If the frame has another length than the protocol.
+    pub fn new(protocol: &'a Protocol, model: &Frame, left_out: &[usize]) -> Self {
+        assert_eq!(model.len(), protocol.channel_count(), "a value for each channel");
+        let mut model = model.clone();
+        protocol.drop_signs(&mut model);
+        let used: Vec<usize> = (0..model.len()).filter(|channel| !left_out.contains(channel)).collect();
+        // The contacts of driven electrodes are known least.
+        let far: Vec<usize> = protocol.undriven().filter(|channel| !left_out.contains(channel)).collect();
+        Plausibility { protocol, model, compared: if far.len() < FEWEST { used.clone() } else { far }, used }
+    }
+
+    /// What is wrong with an untouched frame, ohm: it agrees with the model of the design in no unit. A finding of
+    /// [`Severity::Error`] is certain. `None` if nothing is.
+    pub fn of_baseline(&self, baseline: &Frame) -> Option<Finding> {
+        let what = "untouched frame";
+        if let Some(found) = self.without_values(baseline, what) {
+            return Some(found);
+        }
+        let own = self.agreement(baseline, &self.model);
+        if own >= DOUBTFUL {
+            return None;
+        }
+        let (found, agreement) = self.other_signs(baseline, &self.model).unwrap_or((FindingKind::UnlikeModel, own));
+        let evidence = |better: f64| {
+            format!(
+                "the {what} agrees with the model of the design by {own:.2} (1: exactly, 0: by chance){}",
+                if better > own { format!(", and by {better:.2} {}", words(found)) } else { String::new() }
+            )
+        };
+        if found != FindingKind::UnlikeModel {
+            return Some(Finding::new(found, own, evidence(agreement), self.fix(found)));
+        }
+        if let Some((agreement, text)) = self.other_order(baseline) {
+            let evidence = format!("{}, and by {agreement:.2} {text}", evidence(own));
+            return Some(Finding::new(FindingKind::Order, own, evidence, ORDER));
+        }
+        let same = self.same_values(baseline, &self.model);
+        let (kind, fix) = match same {
+            true => (FindingKind::Order, ORDER),
+            false => (
+                FindingKind::UnlikeModel,
+                "check that the frames are of this design: body, electrodes, protocol, wires",
+            ),
+        };
+        let evidence = evidence(own) + if same { "; its values have the right sizes in another order" } else { "" };
+        Some(with_severity(Finding::new(kind, own, evidence, fix), own < WRONG))
+    }
+
+    /// What is wrong with frames, ohm, for their baseline: they are not frames of the same skin in the same unit. Of single
+    /// frames the rows are named, as a warning.
+    pub fn of_frames(&self, frames: &[Frame], baseline: &Frame) -> Option<Finding> {
+        let judged: Vec<Judged> = frames.iter().map(|frame| self.judge(frame, baseline)).collect();
+        let rows_of =
+            |is: &dyn Fn(&Judged) -> bool| (0..judged.len()).filter(|&row| is(&judged[row])).collect::<Vec<_>>();
+        let (wrong, doubtful) = (rows_of(&Judged::is_wrong), rows_of(&Judged::is_doubtful));
+        let most = |rows: &[usize]| 2 * rows.len() > frames.len();
+        let (rows, is_certain) = match (most(&wrong), wrong.is_empty(), most(&doubtful)) {
+            (true, ..) => (&wrong, true),
+            (false, false, _) => (&wrong, false),
+            (_, _, true) => (&doubtful, false),
+            _ => return None,
+        };
+        // The most usual one stands for all.
+        let middle = rows[rows.len() / 2];
+        let mut found = with_severity(self.unlike_baseline(&frames[middle], baseline, &judged[middle]), is_certain);
+        if rows.len() < frames.len() {
+            found.rows.clone_from(rows);
+        }
+        Some(found)
+    }
+
+    /// What is wrong with differences from an untouched frame, ohm.
+    pub fn of_differences(&self, differences: &[Frame]) -> Option<Finding> {
+        let wrong = differences.iter().map(|difference| self.without_values(difference, "difference"));
+        let wrong: Vec<Option<Finding>> = wrong.collect();
+        let rows: Vec<usize> = (0..wrong.len()).filter(|&row| wrong[row].is_some()).collect();
+        if 2 * rows.len() > differences.len() {
+            return wrong.into_iter().flatten().next();
+        }
+        let is_whole = |difference: &&Frame| {
+            self.agreement(difference, &self.model).abs() >= NAMED && {
+                let ratio = self.ratio(difference, &self.model);
+                (RATIOS[1][0]..=RATIOS[1][1]).contains(&ratio)
+            }
+        };
+        let whole = differences.iter().filter(is_whole).count();
+        if 2 * whole <= differences.len() || differences.is_empty() {
+            return None;
+        }
+        let evidence =
+            "the differences agree with the untouched frame of the model, in size too: they are whole frames";
+        let fix = "give the untouched frames with --baseline, in Python as `baseline`";
+        let found = Finding::new(FindingKind::UnlikeBaseline, whole as f64 / differences.len() as f64, evidence, fix);
+        Some(with_severity(found, false))
+    }
+
+    /// What is wrong with frames less the untouched frame of the model, ohm: most of their change is the same in all of them, so
+    /// that it is the model's error and no touch.
+    pub fn of_model_differences(&self, differences: &[Frame]) -> Option<Finding> {
+        let common = mean(differences).filter(|_| differences.len() >= FEWEST_ROWS)?;
+        let square = |frame: &Frame| self.used.iter().map(|&channel| frame[channel].powi(2)).sum::<f64>();
+        let all = differences.iter().map(square).sum::<f64>() / differences.len() as f64;
+        let share = square(&common) / all;
+        let part = (square(&common) / square(&self.model)).sqrt();
+        if share.is_nan() || share < COMMON[0] || part < LEAST_ERROR {
+            return None;
+        }
+        let evidence = format!(
+            "all frames differ from the untouched frame of the model by the same {:.1} %, {:.0} % of their change: that is the \
+             model's error, no touch",
+            100.0 * part,
+            100.0 * share
+        );
+        let fix = "give untouched frames with --baseline, or fit the design to some first: `dermis fit`";
+        Some(with_severity(Finding::new(FindingKind::UnlikeModel, share, evidence, fix), share >= COMMON[1]))
+    }
+
+    /// How much two frames agree beyond chance.
+    pub fn agreement(&self, a: &Frame, b: &Frame) -> f64 {
+        agreement(self.values(a), self.values(b))
+    }
+
+    /// The compared values.
+    fn values(&self, frame: &Frame) -> Vec<f64> {
+        limited(self.compared.iter().map(|&channel| frame[channel]))
+    }
+
+    /// The size of a frame over that of another one.
+    fn ratio(&self, frame: &Frame, other: &Frame) -> f64 {
+        median_size(self.compared.iter().map(|&channel| frame[channel]))
+            / median_size(self.compared.iter().map(|&channel| other[channel]))
+    }
+
+    fn judge(&self, frame: &Frame, baseline: &Frame) -> Judged {
+        Judged { agreement: self.agreement(frame, baseline), ratio: self.ratio(frame, baseline) }
+    }
+
+    /// A frame without a usable value.
+    fn without_values(&self, frame: &Frame, what: &str) -> Option<Finding> {
+        let values = || self.used.iter().map(|&channel| frame[channel]);
+        if values().all(|value| value == 0.0) {
+            let evidence = format!("every value of the {what} is 0");
+            let fix = "check that the instrument measures: its source, its gain, its cable";
+            return Some(Finding::new(FindingKind::Dead, 0.0, evidence, fix));
+        }
+        let square: f64 = values().map(|value| value * value).sum();
+        (!square.is_finite()).then(|| {
+            let largest = values().map(f64::abs).fold(0.0, f64::max);
+            let evidence = format!("the {what} has values of {largest:e}");
+            Finding::new(FindingKind::Magnitude, largest, evidence, "give resistances in ohm")
+        })
+    }
+
+    /// Other signs with which a frame agrees with another one.
+    fn other_signs(&self, frame: &Frame, with: &Frame) -> Option<(FindingKind, f64)> {
+        let sized = |frame: &Frame| Frame(frame.iter().map(|value| value.abs()).collect());
+        let turned = Frame(frame.iter().map(|value| -value).collect());
+        let has_one_sign = |frame: &Frame| {
+            let negative = self.compared.iter().filter(|&&channel| frame[channel] < 0.0).count();
+            negative == 0 || negative == self.compared.len()
+        };
+        let of_turned = self.agreement(&turned, with);
+        let of_sizes = self.agreement(&sized(frame), &sized(with));
+        if of_turned >= NAMED {
+            return Some((FindingKind::SignTurned, of_turned));
+        }
+        let kind = match (has_one_sign(frame), has_one_sign(with)) {
+            (true, false) => FindingKind::SignLost,
+            (false, true) => FindingKind::SignPresent,
+            _ => return None,
+        };
+        (of_sizes >= NAMED).then_some((kind, of_sizes))
+    }
+
+    /// A simple other order with which an untouched frame agrees with the model, in words: values or whole drives late.
+    fn other_order(&self, baseline: &Frame) -> Option<(f64, String)> {
+        let count = baseline.len();
+        let (drives, drive_of) = self.protocol.drives();
+        let block = count / drives.len().max(1);
+        let is_even = drive_of.iter().enumerate().all(|(channel, &drive)| channel / block.max(1) == drive);
+        let rolled = |by: usize| Frame((0..count).map(|channel| baseline[(channel + by) % count]).collect());
+        let values = [(1, "one value earlier"), (count - 1, "one value later")];
+        let blocks = (1..drives.len()).filter(|_| is_even).map(|drive| (drive * block, drive));
+        let of_values = values.into_iter().map(|(by, text)| (by, text.to_string()));
+        let of_blocks = blocks.map(|(by, drive)| (by, format!("with the drives in turn from drive {drive} on")));
+        let reversed = Frame(baseline.iter().rev().copied().collect());
+        let all = of_values.chain(of_blocks).map(|(by, text)| (self.agreement(&rolled(by), &self.model), text));
+        let all = all.chain([(self.agreement(&reversed, &self.model), "in reverse".to_string())]);
+        all.filter(|(agreement, _)| *agreement >= NAMED).max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// Whether a frame has the values of another one, in any order.
+    fn same_values(&self, frame: &Frame, other: &Frame) -> bool {
+        let sorted = |frame: &Frame| {
+            let mut values = self.values(frame);
+            values.sort_by(f64::total_cmp);
+            values
+        };
+        agreement(sorted(frame), sorted(other)) >= SAME_VALUES
+    }
+
+    /// Why a frame does not fit its baseline.
+    fn unlike_baseline(&self, frame: &Frame, baseline: &Frame, Judged { agreement, ratio }: &Judged) -> Finding {
+        if let Some(found) = self.without_values(frame, "frame") {
+            return found;
+        }
+        let evidence = format!("a frame agrees with its baseline by {agreement:.2} (1: exactly, 0: by chance)");
+        if *agreement >= DOUBTFUL {
+            let evidence = format!("{evidence}, but its values are {ratio:.3} times as large");
+            let fix = match (ratio.log10() / 3.0).round() {
+                0.0 => "give both in ohm, with the same gain and the same current".to_string(),
+                power => format!(
+                    "give both in ohm: the frames are probably in units of {} of the baseline's",
+                    if power > 0.0 { "a thousandth" } else { "a thousand" }
+                ),
+            };
+            return Finding::new(FindingKind::Magnitude, *ratio, evidence, fix);
+        }
+        if let Some((kind, better)) = self.other_signs(frame, baseline) {
+            let evidence = format!("{evidence}, and by {better:.2} {}", words(kind));
+            return Finding::new(
+                kind,
+                *agreement,
+                evidence,
+                "give both with the signs of the design, or both as amplitudes",
+            );
+        }
+        if self.same_values(frame, baseline) {
+            let evidence = format!("{evidence}; it has the same values in another order");
+            return Finding::new(FindingKind::Order, *agreement, evidence, "give both in the order of the protocol");
+        }
+        let fix = match *ratio < RATIOS[0][0] {
+            true => "if they are differences from the untouched skin, give --difference in place of --baseline",
+            false => "give untouched frames of the same skin and instrument as the baseline",
+        };
+        Finding::new(FindingKind::UnlikeBaseline, *agreement, evidence, fix)
+    }
+
+    /// What to do about signs.
+    fn fix(&self, kind: FindingKind) -> &'static str {
+        match kind {
+            FindingKind::SignTurned => {
+                "exchange plus and minus of the measured pairs, or the sense of the drives; for amplitudes set \
+                 protocol.amplitude_only = true"
+            }
+            FindingKind::SignLost => "record signed values, or set protocol.amplitude_only = true",
+            _ => "set protocol.amplitude_only = false: the instrument records signs",
+        }
+    }
+}
+
+/// What to do about another order.
+const ORDER: &str = "`dermis check-frames` looks for the order; state it in the design as protocol.pattern = { table = \"channels.csv\" }";
+
+/// How well a frame fits its baseline.
+struct Judged {
+    agreement: f64,
+    ratio: f64,
+}
+
+impl Judged {
+    fn is_beyond(&self, least: f64, [low, high]: [f64; 2]) -> bool {
+        // Not a number, of frames without a size, is beyond.
+        !(self.agreement >= least && self.ratio >= low && self.ratio <= high)
+    }
+
+    fn is_wrong(&self) -> bool {
+        self.is_beyond(WRONG, RATIOS[1])
+    }
+
+    fn is_doubtful(&self) -> bool {
+        self.is_beyond(DOUBTFUL, RATIOS[0])
+    }
+}
+
+fn with_severity(finding: Finding, is_certain: bool) -> Finding {
+    Finding { severity: if is_certain { Severity::Error } else { Severity::Warning }, ..finding }
+}
+
+/// With which signs frames agree.
+fn words(kind: FindingKind) -> &'static str {
+    match kind {
+        FindingKind::SignTurned => "with all signs turned",
+        _ => "without signs",
+    }
+}
+
+/// Values of at most some times their median size.
+fn limited(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let values: Vec<f64> = values.collect();
+    let most = LARGEST * median_size(values.iter().copied());
+    values.into_iter().map(|value| if most.is_finite() { value.clamp(-most, most) } else { value }).collect()
+}
+
+fn median_size(values: impl Iterator<Item = f64>) -> f64 {
+    upper_median(&values.map(f64::abs).collect::<Vec<f64>>()).unwrap_or(f64::NAN)
+}
+
+/// The cosine of two lists beyond that of the same values in a random order, over the most that is possible. 0 without values.
+fn agreement(a: Vec<f64>, b: Vec<f64>) -> f64 {
+    let sizes = (dot(&a, &a) * dot(&b, &b)).sqrt();
+    let chance = a.iter().sum::<f64>() * b.iter().sum::<f64>() / a.len() as f64 / sizes;
+    let agreement = (dot(&a, &b) / sizes - chance) / (1.0 - chance);
+    if agreement.is_finite() { agreement } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::skin::Skin;
+    use dermis_sim::random::{sample_rng, standard_normal};
+    use rand::RngExt;
+    use rand::seq::SliceRandom;
+
+    const NAMES: [&str; 3] = ["cylinder30", "tank16", "skin16"];
+
+    fn untouched(skin: &Skin) -> Frame {
+        let mut frame = skin.forward().solve(skin.forward().rest_conductivity()).expect("a solution");
+        skin.design().protocol.drop_signs(&mut frame);
+        frame
+    }
+
+    fn of(frame: &Frame, value: impl Fn(usize, f64) -> f64) -> Frame {
+        Frame(frame.iter().enumerate().map(|(channel, &v)| value(channel, v)).collect())
+    }
+
+    #[test]
+    fn sound_frames_of_uneven_skins_are_not_doubted() {
+        for name in NAMES {
+            let skin = Skin::load(name).expect("a shipped design");
+            let protocol = &skin.design().protocol;
+            let rest = untouched(&skin);
+            let check = Plausibility::new(protocol, &rest, &[]);
+            for seed in 0..20 {
+                let mut rng = sample_rng(1, seed);
+                // Any gain; values off by 10 %; a channel that is wrong.
+                let gain = 10f64.powf(3.0 * standard_normal(&mut rng));
+                let mut baseline = of(&rest, |_, value| gain * value);
+                baseline.iter_mut().for_each(|value| *value *= 1.0 + 0.1 * standard_normal(&mut rng));
+                baseline[3] *= 1e3;
+                assert_eq!(check.of_baseline(&baseline), None, "{name}");
+                let touched = of(&baseline, |channel, value| value * if channel % 3 == 0 { 0.7 } else { 1.01 });
+                assert_eq!(check.of_frames(std::slice::from_ref(&touched), &baseline), None, "{name}");
+                let difference = of(&touched, |channel, value| value - baseline[channel]);
+                assert_eq!(check.of_differences(&[difference]), None, "{name}");
+            }
+        }
+    }
+
+    #[test]
+    fn wrong_frames_are_named() {
+        for name in NAMES {
+            let skin = Skin::load(name).expect("a shipped design");
+            let protocol = &skin.design().protocol;
+            let rest = untouched(&skin);
+            let check = Plausibility::new(protocol, &rest, &[]);
+            let mut rng = sample_rng(2, 0);
+            let noise = Frame((0..rest.len()).map(|_| standard_normal(&mut rng)).collect());
+            let mut numbers: Vec<usize> = (0..rest.len()).collect();
+            numbers.shuffle(&mut rng);
+            let shuffled = of(&rest, |channel, _| rest[numbers[channel]]);
+            let certain = |found: Option<Finding>| found.filter(Finding::is_fault).map(|found| found.kind);
+            let (turned, zeros) = (of(&rest, |_, value| -value), of(&rest, |_, _| 0.0));
+            assert_eq!(certain(check.of_baseline(&zeros)), Some(FindingKind::Dead), "{name}");
+            assert_eq!(certain(check.of_baseline(&shuffled)), Some(FindingKind::Order), "{name}");
+            assert!(certain(check.of_baseline(&noise)).is_some(), "{name}");
+            assert_eq!(certain(check.of_baseline(&turned)), Some(FindingKind::SignTurned), "{name}");
+            let huge = of(&rest, |_, _| 1e308);
+            for (frame, kind) in [
+                (&zeros, FindingKind::Dead),
+                (&shuffled, FindingKind::Order),
+                (&turned, FindingKind::SignTurned),
+                (&huge, FindingKind::Magnitude),
+                (&of(&rest, |_, value| 1e-3 * value), FindingKind::Magnitude),
+                (&of(&rest, |_, value| 0.1 * value), FindingKind::Magnitude),
+                (&of(&noise, |_, value| 0.01 * value), FindingKind::UnlikeBaseline),
+            ] {
+                assert_eq!(certain(check.of_frames(std::slice::from_ref(frame), &rest)), Some(kind), "{name}");
+                // A single one among sound ones is named with its row.
+                let found = check.of_frames(&[rest.clone(), frame.clone(), rest.clone()], &rest).expect("a finding");
+                assert_eq!((found.severity, found.rows), (Severity::Warning, vec![1]), "{name}");
+            }
+            assert_eq!(certain(check.of_differences(&[zeros])), Some(FindingKind::Dead));
+            assert_eq!(check.of_differences(&[rest]).map(|found| found.kind), Some(FindingKind::UnlikeBaseline));
+        }
+    }
+
+    #[test]
+    fn a_value_that_is_late_and_rolled_drives_are_orders() {
+        let skin = Skin::load("cylinder30").expect("a shipped design");
+        let rest = untouched(&skin);
+        let check = Plausibility::new(&skin.design().protocol, &rest, &[]);
+        let mut rng = sample_rng(3, 0);
+        let uneven: Vec<f64> = rest.iter().map(|value| value * (1.0 + 0.1 * rng.random::<f64>())).collect();
+        for by in [1, 29, 58, 869] {
+            let late = of(&rest, |channel, _| uneven[(channel + by) % rest.len()]);
+            let found = check.of_baseline(&late).expect("a finding");
+            assert_eq!((found.kind, found.severity), (FindingKind::Order, Severity::Error), "{by}: {}", found.evidence);
+        }
+    }
+}
