@@ -6,8 +6,10 @@ use crate::failure::{Failure, Outcome};
 use crate::picture;
 use crate::skin::Skin;
 use crate::worker::{self, Watch};
-use dermis::frame::{Differences, Frame};
+use dermis::finding::Finding;
+use dermis::frame::{Differences, Frame, broken_channels};
 use dermis::method;
+use dermis::plausibility::Plausibility;
 use dermis_sim::evaluate::score_contacts;
 use pyo3::prelude::*;
 use rayon::prelude::*;
@@ -43,13 +45,28 @@ impl Method {
         Method { skin, method, alpha }
     }
 
-    /// The differences of frames from a baseline, and whether one frame was given.
+    /// The differences of frames from a baseline, and whether one frame was given. Frames that cannot be those of the skin are
+    /// refused, as by the program; doubtful ones give a warning.
     fn differences(
         &self,
+        py: Python<'_>,
         frames: &Bound<'_, PyAny>,
         baseline: Option<&Bound<'_, PyAny>>,
+        force: bool,
     ) -> Outcome<(Differences, bool)> {
-        arrays::differences(frames, baseline, self.skin.skin().design().protocol.channel_count())
+        let skin = self.skin.skin();
+        let protocol = &skin.design().protocol;
+        let (differences, is_single) = arrays::differences(frames, baseline, protocol.channel_count())?;
+        let model = skin.forward().solve(skin.forward().rest_conductivity()).map_err(Failure::given)?;
+        let broken = broken_channels(&differences.untouched);
+        for found in Plausibility::new(protocol, &model, &broken).of(&differences) {
+            let Finding { evidence, fix, .. } = &found;
+            if found.is_fault() && !force {
+                return Err(Failure::with_hint(evidence, &format!("{fix}; `force=True` goes on all the same")));
+            }
+            py.import("warnings")?.call_method1("warn", (format!("{evidence}; {fix}"),))?;
+        }
+        Ok((differences, is_single))
     }
 }
 
@@ -85,14 +102,15 @@ impl Method {
     }
 
     /// Images of frames: (n, rows, columns) with NaN outside the body, or (n, cells).
-    #[pyo3(signature = (frames, baseline=None))]
+    #[pyo3(signature = (frames, baseline=None, *, force=false))]
     fn images<'py>(
         &self,
         py: Python<'py>,
         frames: &Bound<'py, PyAny>,
         baseline: Option<&Bound<'py, PyAny>>,
+        force: bool,
     ) -> Outcome<Bound<'py, PyAny>> {
-        let (differences, is_single) = self.differences(frames, baseline)?;
+        let (differences, is_single) = self.differences(py, frames, baseline, force)?;
         let frames = &differences.frames;
         let images = worker::run(py, "reconstructing", frames.len(), |watch| {
             let images = for_each(frames, watch, |frame| Ok(self.method.image(frame)?.to_grid()))?;
@@ -114,15 +132,16 @@ impl Method {
     }
 
     /// The contacts in frames.
-    #[pyo3(signature = (frames, baseline=None, *, both_signs=false))]
+    #[pyo3(signature = (frames, baseline=None, *, both_signs=false, force=false))]
     fn contacts<'py>(
         &self,
         py: Python<'py>,
         frames: &Bound<'py, PyAny>,
         baseline: Option<&Bound<'py, PyAny>>,
         both_signs: bool,
+        force: bool,
     ) -> Outcome<Bound<'py, PyAny>> {
-        let (differences, _) = self.differences(frames, baseline)?;
+        let (differences, _) = self.differences(py, frames, baseline, force)?;
         let found = worker::run(py, "reconstructing", differences.frames.len(), |watch| {
             let method = self.method.adapted(&differences)?;
             let mut detector = method.detector_of(&differences, &self.skin.skin().design().protocol)?;
@@ -136,15 +155,16 @@ impl Method {
     }
 
     /// The score of the contacts in frames against true touches.
-    #[pyo3(signature = (frames, truth, baseline=None))]
+    #[pyo3(signature = (frames, truth, baseline=None, *, force=false))]
     fn score<'py>(
         &self,
         py: Python<'py>,
         frames: &Bound<'py, PyAny>,
         truth: &Bound<'py, PyAny>,
         baseline: Option<&Bound<'py, PyAny>>,
+        force: bool,
     ) -> Outcome<Bound<'py, PyAny>> {
-        let (differences, _) = self.differences(frames, baseline)?;
+        let (differences, _) = self.differences(py, frames, baseline, force)?;
         let frames = &differences.frames;
         let truth = contacts::truth(truth, self.skin.skin(), frames.len())?;
         let score = worker::run(py, "reconstructing", frames.len(), |watch| {
@@ -162,7 +182,7 @@ impl Method {
     /// The image of a frame with its contacts, as the text of an SVG.
     #[pyo3(signature = (frame, baseline=None))]
     fn svg(&self, py: Python<'_>, frame: &Bound<'_, PyAny>, baseline: Option<&Bound<'_, PyAny>>) -> Outcome<String> {
-        let (differences, _) = self.differences(frame, baseline)?;
+        let (differences, _) = self.differences(py, frame, baseline, false)?;
         let [frame] = &differences.frames[..] else {
             return Err(Failure::with_hint("`frame` has rows", "give one frame, (channels,)"));
         };

@@ -285,6 +285,12 @@ impl Skin {
         }
         let (design, rest) = (self.skin.design(), self.skin.forward().rest_conductivity());
         let surface = design.body.surface();
+        let limits = self.skin.mesh().place_limits(surface);
+        for touch in &touches {
+            let refused =
+                |why| Failure::with_hint(format!("`positions`: {why}"), "positions are in metres, on the skin");
+            limits.check(touch.centre_m).map_err(refused)?;
+        }
         let map = worker::run(py, "touching", 1, |_| {
             Ok(touched_conductivity(self.skin.mesh(), &surface, design.sheet.touch, rest, &touches)?)
         })?;

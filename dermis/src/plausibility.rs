@@ -23,7 +23,7 @@
 //! ```
 
 use crate::finding::{Finding, FindingKind, Severity};
-use crate::frame::{Frame, mean};
+use crate::frame::{Differences, Frame, mean};
 use crate::linalg::dot;
 use crate::protocol::Protocol;
 use crate::stats::upper_median;
@@ -74,6 +74,15 @@ impl<'a> Plausibility<'a> {
         // The contacts of driven electrodes are known least.
         let far: Vec<usize> = protocol.undriven().filter(|channel| !left_out.contains(channel)).collect();
         Plausibility { protocol, model, compared: if far.len() < FEWEST { used.clone() } else { far }, used }
+    }
+
+    /// What is wrong with frames and their baseline, or with differences from an unknown one.
+    pub fn of(&self, differences: &Differences) -> Vec<Finding> {
+        let Differences { frames, baseline, .. } = differences;
+        let Some(baseline) = baseline else { return self.of_differences(frames).into_iter().collect() };
+        let whole = |difference: &Frame| Frame(difference.iter().zip(baseline.iter()).map(|(a, b)| a + b).collect());
+        let frames: Vec<Frame> = frames.iter().map(whole).collect();
+        self.of_baseline(baseline).into_iter().chain(self.of_frames(&frames, baseline)).collect()
     }
 
     /// What is wrong with an untouched frame, ohm: it agrees with the model of the design in no unit. A finding of
@@ -157,8 +166,7 @@ impl<'a> Plausibility<'a> {
         let evidence =
             "the differences agree with the untouched frame of the model, in size too: they are whole frames";
         let fix = "give the untouched frames with --baseline, in Python as `baseline`";
-        let found = Finding::new(FindingKind::UnlikeBaseline, whole as f64 / differences.len() as f64, evidence, fix);
-        Some(with_severity(found, false))
+        Some(Finding::new(FindingKind::UnlikeBaseline, whole as f64 / differences.len() as f64, evidence, fix))
     }
 
     /// What is wrong with frames less the untouched frame of the model, ohm: most of their change is the same in all of them, so

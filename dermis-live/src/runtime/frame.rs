@@ -19,8 +19,8 @@ pub struct LiveFrame {
 }
 
 impl LiveFrame {
-    /// The same frame some time after it, when no other has arrived: stale, without contacts and image.
-    fn stale(&self, age_s: f64) -> Self {
+    /// The same frame some time after it: stale, without contacts and image.
+    pub(super) fn stale(&self, age_s: f64) -> Self {
         let mut stale = LiveFrame { output_at: clock::now(), message: Vec::new(), ..self.clone() };
         let PipelineFrame { validity, touched, contacts, image, .. } = &mut stale.result;
         (*validity, *touched) = (Validity::Stale { age_s }, None);

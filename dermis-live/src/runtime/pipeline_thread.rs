@@ -12,6 +12,10 @@ use std::time::{Duration, Instant};
 
 /// Minimum interval between two reports of dropped events.
 const REPORT_DROPPED: Duration = Duration::from_secs(1);
+/// Contacts that are older than this when they are known are stale, s.
+const LATE_S: f64 = 0.05;
+/// A frame that has waited for longer than this is skipped if a newer one waits, s.
+const SKIPPED_S: f64 = 0.025;
 /// Interval at which the state is saved for [`LiveHandle::state`].
 const SAVE: Duration = Duration::from_secs(5);
 
@@ -22,6 +26,8 @@ pub(super) struct PipelineThread {
     /// Whether the method is prepared again when the masked channels change; during playback, the recording contains
     /// these changes.
     rebuilds: bool,
+    /// Whether the frames come from a device, and not from a recording.
+    is_live: bool,
     rebuilding: Option<JoinHandle<Result<RebuiltMethod, PipelineError>>>,
     fitting: Option<JoinHandle<Result<DriftFit, PipelineError>>>,
     /// The masked channels of the last attempt to prepare the method again: it is not repeated.
@@ -38,6 +44,7 @@ impl PipelineThread {
             shared,
             pipeline,
             rebuilds,
+            is_live: rebuilds,
             rebuilding: None,
             fitting: None,
             tried_without: None,
@@ -58,7 +65,8 @@ impl PipelineThread {
                 Popped::Item(WorkItem::Frame(incoming)) => {
                     // What was requested while the thread waited comes before this frame.
                     self.run_commands();
-                    self.process(*incoming);
+                    let newest = self.newest(*incoming);
+                    self.process(newest);
                 }
                 Popped::Item(WorkItem::Command(command)) => self.carry_out(command),
                 Popped::TimedOut => {}
@@ -70,10 +78,30 @@ impl PipelineThread {
         self.shared.close_mailboxes();
     }
 
+    /// The newest frame that waits, if the given one is late already: a skin that cannot keep up skips frames.
+    fn newest(&mut self, mut frame: IncomingFrame) -> IncomingFrame {
+        let mut skipped = 0;
+        while self.is_live && clock::now().seconds_since(frame.received_at) > SKIPPED_S {
+            match self.shared.take_work(Duration::ZERO) {
+                Popped::Item(WorkItem::Frame(newer)) => (frame, skipped) = (*newer, skipped + 1),
+                Popped::Item(WorkItem::Command(command)) => self.carry_out(command),
+                Popped::TimedOut | Popped::Closed => break,
+            }
+        }
+        if skipped > 0 {
+            self.shared.add_dropped("the pipeline", skipped);
+        }
+        frame
+    }
+
     fn process(&mut self, incoming: IncomingFrame) {
         self.install_drift_fit();
         match process(&mut self.pipeline, incoming) {
-            Ok(frame) => {
+            Ok(mut frame) => {
+                let age_s = frame.output_at.seconds_since(frame.received_at);
+                if self.is_live && age_s > LATE_S && frame.result.validity.is_usable() {
+                    frame = LiveFrame { message: std::mem::take(&mut frame.message), ..frame.stale(age_s) };
+                }
                 let frame = Arc::new(frame);
                 if self.stale.take(&frame) {
                     self.shared.notice(Severity::Info, "frames arrive again".into());

@@ -251,13 +251,16 @@ class Method:
     def alpha(self) -> float | None:
         """The regularization parameter of a linear method, else None."""
 
-    def images(self, frames: ArrayLike, baseline: ArrayLike | None = None) -> NDArray[np.float64]:
+    def images(
+        self, frames: ArrayLike, baseline: ArrayLike | None = None, *, force: bool = False
+    ) -> NDArray[np.float64]:
         """Images of frames: relative changes of conductance, positive for touches.
 
         Args:
             frames: (channels,) or (n, channels), ohm.
             baseline: Untouched frames, (channels,) or (m, channels), ohm: their mean is subtracted. Without it,
                 `frames` are differences from the untouched skin.
+            force: Go on with frames that cannot be those of the skin, or not of the baseline.
 
         Returns:
             (n, rows, columns), NaN outside the body, or (n, cells) for designs without a grid; without the first
@@ -280,7 +283,7 @@ class Method:
         """
 
     def contacts(
-        self, frames: ArrayLike, baseline: ArrayLike | None = None, *, both_signs: bool = False
+        self, frames: ArrayLike, baseline: ArrayLike | None = None, *, both_signs: bool = False, force: bool = False
     ) -> Contacts:
         """The contacts in frames.
 
@@ -289,13 +292,14 @@ class Method:
             baseline: Untouched frames, (channels,) or (m, channels), ohm: their mean is subtracted. With 8 or more,
                 the noise is measured from their scatter. Without it, `frames` are differences.
             both_signs: Detect contacts that raise and contacts that lower the conductance. Linear methods only.
+            force: Go on with frames that cannot be those of the skin, or not of the baseline.
 
         Raises:
-            DermisError: A wrong shape, a value that is not finite.
+            DermisError: A wrong shape, a value that is not finite, frames that are not those of the skin.
         """
 
     def score(
-        self, frames: ArrayLike, truth: Contacts | ArrayLike, baseline: ArrayLike | None = None
+        self, frames: ArrayLike, truth: Contacts | ArrayLike, baseline: ArrayLike | None = None, *, force: bool = False
     ) -> dict[str, Any]:
         """The score of the contacts in frames against true touches, as `dermis evaluate --json` prints it.
 
@@ -304,6 +308,7 @@ class Method:
             truth: Contacts with `frame` and `position_m` (and `force_n`), or the positions of one touch in each frame,
                 (n, 3), m.
             baseline: Untouched frames; without it, `frames` are differences.
+            force: Go on with frames that cannot be those of the skin, or not of the baseline.
 
         Raises:
             DermisError: A wrong shape, a touch in a frame that does not exist.

@@ -4,7 +4,7 @@ use crate::design::TouchEffect;
 use crate::estimate::whitening::Whitening;
 use crate::forward::Matrix;
 use crate::skin::Skin;
-use crate::stats::rms;
+use crate::stats::{rms, upper_median};
 use pulp::{Simd, WithSimd};
 
 /// Places of touches that are tried, at most.
@@ -14,8 +14,12 @@ const LANES: usize = 16;
 /// The quantile that the largest of 1,000 outputs of noise exceeds once in an hour at 120 frames a second:
 /// `Q(z) = 1 / (1000 x 432,000)`; neighbouring places are not independent, so that it is rarer.
 const QUANTILE: f64 = 5.95;
-/// The deviation of an output is measured in the frames of the tare and may be larger by this many of its standard errors.
-const ERRORS: f64 = 3.0;
+/// The deviation of an output is measured in the frames of the tare and may be larger by this many of its standard errors, which
+/// are this part of it over the root of the number of frames.
+const ERRORS: f64 = 2.0;
+const MEDIAN_ERROR: f64 = 1.17;
+/// The standard deviation of a normal distribution over the median of its absolute values.
+const NORMAL_MEDIAN: f64 = 1.4826;
 /// A touch ends below this fraction of the threshold.
 const RELEASE: f64 = 0.6;
 
@@ -70,7 +74,11 @@ impl MatchedFilter {
     /// Measures the deviation of each product: noise of channels that is not independent is in few directions.
     fn measure(&mut self, untouched: &[Vec<f64>]) {
         let products: Vec<Vec<f32>> = untouched.iter().map(|difference| self.products(difference)).collect();
-        let deviation = |place: usize| rms(products.iter().map(|products| f64::from(products[place])));
+        // By the median: some of them may be touched.
+        let deviation = |place: usize| {
+            let sizes: Vec<f64> = products.iter().map(|products| f64::from(products[place].abs())).collect();
+            NORMAL_MEDIAN * upper_median(&sizes).unwrap_or(0.0)
+        };
         let sd: Vec<f64> = (0..self.table.len() / self.width).map(deviation).collect();
         let usual = rms(sd.iter().copied());
         let freedom = untouched.len().max(2) as f64 - 1.0;
@@ -79,7 +87,7 @@ impl MatchedFilter {
             let factor = sd.max(0.5 * usual).recip().min(1.0) as f32;
             row.iter_mut().for_each(|value| *value *= factor);
         }
-        self.threshold = QUANTILE * (1.0 + ERRORS / (2.0 * freedom).sqrt());
+        self.threshold = QUANTILE * (1.0 + ERRORS * MEDIAN_ERROR / freedom.sqrt());
     }
 
     /// The product with each place.
@@ -93,10 +101,16 @@ impl MatchedFilter {
         products
     }
 
-    /// Whether a difference has a touch; `was_touched` if the frame before had one.
-    pub(super) fn feels(&self, difference: &[f64], was_touched: bool) -> bool {
-        let most = self.products(difference).into_iter().fold(f32::NEG_INFINITY, f32::max);
-        f64::from(most) > self.threshold * if was_touched { RELEASE } else { 1.0 }
+    /// The largest output for a touch, and that for the end of one.
+    pub(super) fn outputs(&self, difference: &[f64]) -> [f64; 2] {
+        let products = self.products(difference);
+        [1.0, -1.0]
+            .map(|sign: f32| f64::from(products.iter().map(|product| sign * product).fold(f32::NEG_INFINITY, f32::max)))
+    }
+
+    /// Whether an output is more than noise; `was_touched` if that of the frame before was.
+    pub(super) fn exceeds(&self, output: f64, was_touched: bool) -> bool {
+        output > self.threshold * if was_touched { RELEASE } else { 1.0 }
     }
 }
 
@@ -145,7 +159,8 @@ mod tests {
         };
         let untouched: Vec<Vec<f64>> = (0..100).map(|_| noise()).collect();
         let filter = MatchedFilter::new(&skin, fitter.modes(), &sd_ohm, &untouched).unwrap();
-        assert!((0..5000).all(|_| !filter.feels(&noise(), false)));
+        let feels = |difference: &[f64]| filter.exceeds(filter.outputs(difference)[0], false);
+        assert!((0..5000).all(|_| !feels(&noise())));
         let plus = |noise: Vec<f64>, of: &dyn Fn(usize) -> f64| -> Vec<f64> {
             noise.into_iter().enumerate().map(|(channel, value)| value + of(channel)).collect()
         };
@@ -158,13 +173,13 @@ mod tests {
                 let difference = noise();
                 plus(difference, &|channel| sign * strength * linear.jacobian.at(channel, pixel))
             };
-            felt += i32::from(filter.feels(&touched(1.0), false));
-            assert!(!filter.feels(&touched(-0.3), false), "pixel {pixel}");
+            felt += i32::from(feels(&touched(1.0)));
+            assert!(!feels(&touched(-0.3)), "pixel {pixel}");
         }
         // At an electrode a touch is much like a change of the contact.
         assert!(felt >= 13, "{felt} of 15");
         for part in [0.003, 0.02] {
-            assert!(!filter.feels(&plus(noise(), &|channel| part * linear.rest_frame[channel]), false));
+            assert!(!feels(&plus(noise(), &|channel| part * linear.rest_frame[channel])));
         }
     }
 }

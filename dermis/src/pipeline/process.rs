@@ -124,9 +124,7 @@ impl Pipeline {
             self.state.phase = Phase::Taring { frames };
             return Ok(Outcome::invalid(InvalidReason::Tare));
         }
-        let skin = self.methods.skin();
-        let model = skin.forward().solve(skin.forward().rest_conductivity()).map_err(crate::Error::from)?;
-        match tare::judge(frames, &skin.design().protocol, &model, self.state.settings.force_tare) {
+        match tare::judge(frames, self.methods.skin(), self.fitter.modes(), self.state.settings.force_tare)? {
             Ok(Tared { frames, doubt }) => {
                 self.refusal = None;
                 self.finish_tare(&frames, at)?;

@@ -25,10 +25,10 @@ use crate::track::Sighting;
 /// Maximum signal of a sighting that cannot start a contact.
 const NOT_TO_BEGIN: f64 = 0.99;
 
-/// What a touch is, is judged once in this many frames, ...
+/// Whether a touch is drift, is judged once in this many frames.
 const JUDGED_FRAMES: u64 = 6;
-/// ... and the end of one that was there at the tare so many times in a row.
-const ENDED_JUDGEMENTS: u32 = 2;
+/// After so many frames with the end of a touch the skin is tared again.
+const ENDED_JUDGEMENTS: u32 = 6;
 
 /// The contacts of a frame.
 pub(super) struct Outcome {
@@ -103,19 +103,22 @@ impl Pipeline {
         if let Some(since_s) = reading.masked_time.update(&signal.masked, time.time_s) {
             self.judge_again(reading, since_s);
         }
-        let mut felt = reading.touch_detector.update(signal.statistic);
-        if !felt && let Some(filter) = &self.filter {
-            felt = filter.feels(&signal.difference, reading.is_felt);
-        }
+        let outputs = self.filter.as_ref().map(|filter| filter.outputs(&signal.difference));
+        let was_felt = reading.is_felt;
+        let by_filter = |output: f64| self.filter.as_ref().is_some_and(|filter| filter.exceeds(output, was_felt));
+        let felt =
+            reading.touch_detector.update(signal.statistic) || outputs.is_some_and(|[touch, _]| by_filter(touch));
         reading.is_felt = felt;
-        if felt && self.state.frames.is_multiple_of(JUDGED_FRAMES) {
+        let may_have_ended = outputs.is_some_and(|[touch, end]| end > touch && by_filter(end));
+        if may_have_ended || felt && self.state.frames.is_multiple_of(JUDGED_FRAMES) {
             match self.cause(reading, signal)? {
                 Cause::Touch => reading.ended_judgements = 0,
-                Cause::Ended => reading.ended_judgements += 1,
                 Cause::Drift(drift_ohm) => return Ok(self.drifted(reading, signal, &drift_ohm, time)),
-            }
-            if reading.ended_judgements >= ENDED_JUDGEMENTS {
-                return Ok(Outcome { tare_again: true, ..Outcome::invalid(InvalidReason::Tare) });
+                Cause::Ended => {
+                    reading.ended_judgements += 1;
+                    let tare_again = reading.ended_judgements >= ENDED_JUDGEMENTS;
+                    return Ok(Outcome { tare_again, ..Outcome::invalid(InvalidReason::Tare) });
+                }
             }
         }
         let sightings = self.sightings(signal, felt)?;

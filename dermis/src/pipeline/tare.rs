@@ -2,16 +2,17 @@
 
 use crate::estimate::noise::{ChannelNoise, NoiseSource};
 use crate::finding::{Finding, FindingKind};
+use crate::forward::Matrix;
 use crate::frame::Frame;
 use crate::pipeline::frame::Measurement;
+use crate::pipeline::matched_filter::MatchedFilter;
 use crate::pipeline::touch_detector::statistic;
 use crate::plausibility::Plausibility;
-use crate::protocol::Protocol;
+use crate::skin::Skin;
 use crate::stats::upper_median;
 
-/// A frame whose mean square deviation from the median frame is this many times what the changes from frame to frame explain is
-/// touched. A touch that stays below it and lasts for as many frames as are left out changes the mean by less than the noise of
-/// a frame.
+/// A frame whose mean square deviation from the median frame is this many times what the changes from frame to frame explain has
+/// moved; so has one that the test for weak touches feels, in either direction: the median may be the touched one.
 const MOVED: f64 = 3.0;
 /// With more touched frames than this part of a tare, the median may be touched, too: the tare takes longer.
 const MOST_MOVED: f64 = 0.2;
@@ -69,30 +70,32 @@ impl Refusal {
 /// Judges the frames of a tare. `is_forced` accepts equal frames and frames unlike the model.
 pub(super) fn judge(
     frames: Vec<Measurement>,
-    protocol: &Protocol,
-    model: &Frame,
+    skin: &Skin,
+    modes: &Matrix,
     is_forced: bool,
-) -> Result<Tared, (Refusal, Vec<Measurement>)> {
+) -> crate::Result<Result<Tared, (Refusal, Vec<Measurement>)>> {
+    let protocol = &skin.design().protocol;
+    let model = skin.forward().solve(skin.forward().rest_conductivity())?;
     let values: Vec<&[f64]> = frames.iter().map(|frame| frame.values_ohm.as_slice()).collect();
     let median: Vec<f64> = (0..model.len())
         .map(|channel| upper_median(&values.iter().map(|values| values[channel]).collect::<Vec<f64>>()).unwrap_or(0.0))
         .collect();
     let median = Frame(median);
     // Broken channels are found by their own checks: they hardly count in the comparison.
-    let found = Plausibility::new(protocol, model, &[]).of_baseline(&median);
+    let found = Plausibility::new(protocol, &model, &[]).of_baseline(&median);
     match found.as_ref().filter(|found| found.is_fault()) {
         Some(found) if !is_forced || found.kind == FindingKind::Dead => {
-            return Err((Refusal::Unlike(Box::new(found.clone())), frames));
+            return Ok(Err((Refusal::Unlike(Box::new(found.clone())), frames)));
         }
         _ => {}
     }
     if !is_forced && values.windows(2).all(|pair| pair[0] == pair[1]) {
-        return Err((Refusal::Frozen, frames));
+        return Ok(Err((Refusal::Frozen, frames)));
     }
-    let moved = moved(&values, &median, protocol);
+    let moved = moved(&values, &median, skin, modes)?;
     let count = moved.iter().filter(|moved| **moved).count();
     if count as f64 > MOST_MOVED * frames.len() as f64 {
-        return Err((Refusal::Moving { frames: count, of: frames.len() }, frames));
+        return Ok(Err((Refusal::Moving { frames: count, of: frames.len() }, frames)));
     }
     let is_near_moved = |frame: usize| {
         let near = frame.saturating_sub(BESIDE)..(frame + BESIDE + 1).min(moved.len());
@@ -100,27 +103,34 @@ pub(super) fn judge(
     };
     let is_near: Vec<bool> = (0..frames.len()).map(is_near_moved).collect();
     let kept = frames.into_iter().zip(is_near).filter(|(_, is_near)| !is_near).map(|(frame, _)| frame);
-    Ok(Tared { frames: kept.collect(), doubt: found })
+    Ok(Ok(Tared { frames: kept.collect(), doubt: found }))
 }
 
 /// Which frames differ from the median of all by more than successive frames from each other.
-fn moved(values: &[&[f64]], median: &Frame, protocol: &Protocol) -> Vec<bool> {
+fn moved(values: &[&[f64]], median: &Frame, skin: &Skin, modes: &Matrix) -> crate::Result<Vec<bool>> {
     let step =
         |pair: &[&[f64]]| -> Vec<f64> { pair[1].iter().zip(pair[0]).map(|(a, b)| (a - b) / 2f64.sqrt()).collect() };
     let steps: Vec<Vec<f64>> = values.windows(2).map(step).collect();
-    let noise = ChannelNoise::of(&steps, protocol).filter(|noise| noise.source() == NoiseSource::Scatter);
-    let Some(noise) = noise else { return vec![false; values.len()] };
+    let noise = ChannelNoise::of(&steps, &skin.design().protocol);
+    let Some(noise) = noise.filter(|noise| noise.source() == NoiseSource::Scatter) else {
+        return Ok(vec![false; values.len()]);
+    };
+    let filter = MatchedFilter::new(skin, modes, noise.sd_ohm(), &steps)?;
     let unmasked = vec![false; median.len()];
     let square = |values: &[f64]| statistic(values, noise.sd_ohm(), &unmasked);
     let usual = upper_median(&steps.iter().map(|step| square(step)).collect::<Vec<f64>>()).unwrap_or(0.0);
-    let from_median = |values: &&[f64]| values.iter().zip(median.iter()).map(|(a, b)| a - b).collect::<Vec<f64>>();
-    values.iter().map(|values| square(&from_median(values)) > MOVED * usual).collect()
+    let has_moved = |values: &&[f64]| {
+        let difference: Vec<f64> = values.iter().zip(median.iter()).map(|(a, b)| a - b).collect();
+        square(&difference) > MOVED * usual
+            || filter.outputs(&difference).into_iter().any(|output| filter.exceeds(output, false))
+    };
+    Ok(values.iter().map(has_moved).collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::skin::Skin;
+    use crate::pipeline::drift::DriftFitter;
     use dermis_sim::random::{sample_rng, standard_normal};
 
     /// Frames of a skin with noise, with a touch of some size between two frames.
@@ -143,10 +153,10 @@ mod tests {
     #[test]
     fn taps_are_left_out_and_long_ones_wait() {
         let skin = Skin::load("cylinder30").unwrap();
-        let protocol = &skin.design().protocol;
-        let model = Frame(skin.linearised().unwrap().rest_frame.clone());
-        let judged = |touch: f64, span: [usize; 2]| judge(frames(&skin, touch, span, 5), protocol, &model, false);
-        for touch in [5.0, 50.0] {
+        let fitter = DriftFitter::new(skin.clone()).unwrap();
+        let judged =
+            |touch: f64, span: [usize; 2]| judge(frames(&skin, touch, span, 5), &skin, fitter.modes(), false).unwrap();
+        for touch in [0.5, 50.0] {
             let untouched = judged(0.0, [0, 0]).map_err(|(refusal, _)| refusal).unwrap();
             assert_eq!((untouched.frames.len(), untouched.doubt), (100, None));
             for length in [2, 5, 12, 20] {
@@ -166,15 +176,18 @@ mod tests {
     #[test]
     fn dead_frozen_and_foreign_frames_are_refused() {
         let skin = Skin::load("cylinder30").unwrap();
-        let protocol = &skin.design().protocol;
-        let model = Frame(skin.linearised().unwrap().rest_frame.clone());
+        let fitter = DriftFitter::new(skin.clone()).unwrap();
+        let model = &skin.linearised().unwrap().rest_frame;
         let sound = frames(&skin, 0.0, [0, 0], 6);
         let refusal = |value: &dyn Fn(usize, usize) -> f64, is_forced: bool| {
             let frame = |index: usize| Measurement {
                 values_ohm: (0..model.len()).map(|channel| value(index, channel)).collect(),
                 ..Measurement::default()
             };
-            judge((0..100).map(frame).collect(), protocol, &model, is_forced).err().map(|(refusal, _)| refusal)
+            judge((0..100).map(frame).collect(), &skin, fitter.modes(), is_forced)
+                .unwrap()
+                .err()
+                .map(|(refusal, _)| refusal)
         };
         for is_forced in [false, true] {
             let Some(Refusal::Unlike(found)) = refusal(&|_, _| 0.0, is_forced) else { panic!("zeros") };

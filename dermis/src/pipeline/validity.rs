@@ -29,9 +29,10 @@ pub enum Validity {
         /// Why.
         reason: InvalidReason,
     },
-    /// No frame has arrived for too long: no contacts, and whether the skin is touched is unknown.
+    /// No frame has arrived for too long, or its contacts were computed too late: no contacts, and whether the skin is touched is
+    /// unknown.
     Stale {
-        /// Time since the last frame arrived, s.
+        /// Time since the frame arrived, s.
         age_s: f64,
     },
 }
@@ -106,7 +107,7 @@ impl fmt::Display for Validity {
             Validity::Ok => f.write_str("ok"),
             Validity::Degraded(degradation) => write!(f, "degraded: {degradation}"),
             Validity::Invalid { reason } => write!(f, "invalid: {}", reason.text()),
-            Validity::Stale { age_s } => write!(f, "stale: no frame for {age_s:.2} s"),
+            Validity::Stale { age_s } => write!(f, "stale: the last frame is {age_s:.2} s old"),
         }
     }
 }
