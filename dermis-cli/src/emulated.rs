@@ -81,6 +81,11 @@ impl EmulatorArguments {
         Ok(FirmwareDevice::new(design, options)?)
     }
 
+    /// Whether the readings of the twin have no noise.
+    pub fn is_noise_free(&self) -> bool {
+        TwinOptions::load(&self.twin).is_ok_and(|twin| twin.electronics.snr_db.is_none())
+    }
+
     /// Speed as a multiple of real time.
     pub fn speed(&self) -> f64 {
         self.speed

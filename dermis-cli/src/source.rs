@@ -47,6 +47,11 @@ impl SourceArguments {
         self.source == "csv:-"
     }
 
+    /// Whether the source is a simulation whose frames may be all the same.
+    pub fn is_noise_free(&self) -> bool {
+        self.source == "emulate" && self.emulator.is_noise_free()
+    }
+
     /// The address of the device; starts an emulated one.
     pub fn address(&self, design: &SkinDesign) -> Outcome<(Address, Option<Arc<Emulator>>)> {
         if self.source != "emulate" {

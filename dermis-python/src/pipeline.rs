@@ -6,11 +6,12 @@ use crate::failure::{Failure, Outcome};
 use crate::method::method_name;
 use crate::skin::Skin;
 use crate::worker;
-use dermis::method::MethodSet;
+use dermis::method::{MethodSet, is_path};
 use dermis::pipeline::{
     self, Command, FrameInput, Notice, PipelineError, PipelineFrame, Settings, Timestamp, Validity,
 };
 use dermis::skin;
+use dermis_calibrate::Calibration;
 use dermis_live::device::{Address, DeviceOptions};
 use dermis_live::emulator::{Emulator, EmulatorOptions, Script};
 use dermis_live::recording::{self, Player, Replayed};
@@ -132,18 +133,20 @@ fn methods(py: Python<'_>, skin: &Skin, method: Option<&str>) -> Outcome<Arc<Met
 #[pymethods]
 impl Pipeline {
     #[new]
-    #[pyo3(signature = (skin, method=None, *, threshold=1.0, tare_frames=100, both_signs=false))]
+    #[pyo3(signature = (skin, method=None, *, threshold=1.0, tare_frames=100, both_signs=false, force=false))]
     fn new(
         skin: &Bound<'_, Skin>,
         method: Option<&Bound<'_, PyAny>>,
         threshold: f64,
         tare_frames: usize,
         both_signs: bool,
+        force: bool,
     ) -> Outcome<Self> {
         let method = method_name(skin.py(), method)?;
         let methods = methods(skin.py(), skin.get(), method.as_deref())?;
         let method = method.unwrap_or_default();
-        let settings = Settings { method, threshold, tare_frames, both_signs, ..Settings::default() };
+        let force_tare = force || is_calibration(&method);
+        let settings = Settings { method, threshold, tare_frames, both_signs, force_tare, ..Settings::default() };
         let feed = Mutex::new(Feed { pipeline: pipeline::Pipeline::new(methods, settings)?, next: 0 });
         Ok(Pipeline { feed, skin: skin.get().skin().clone() })
     }
@@ -269,7 +272,9 @@ impl Live {
                 source => Address::parse(source)?,
             };
             let method = method.unwrap_or_default();
-            let settings = Settings { method, threshold, both_signs, ..Settings::default() };
+            let is_noise_free = || TwinOptions::load(twin).is_ok_and(|twin| twin.electronics.snr_db.is_none());
+            let force_tare = is_calibration(&method) || source == "emulate" && is_noise_free();
+            let settings = Settings { method, threshold, both_signs, force_tare, ..Settings::default() };
             let options = LiveOptions { address, device: DeviceOptions::default(), settings, state: None };
             *threads.live() = Some(dermis_live::Live::start(methods, options)?);
             Ok(threads)
@@ -355,6 +360,11 @@ impl Live {
         let excess = notices.len().saturating_sub(MOST_NOTICES);
         notices.drain(..excess);
     }
+}
+
+/// Whether a method is a calibration, which knows the skin as it is: its frames need not be like the model's.
+fn is_calibration(method: &str) -> bool {
+    is_path(method) && Calibration::is_folder(method.as_ref())
 }
 
 /// A simulated device.

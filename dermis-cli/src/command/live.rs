@@ -10,10 +10,11 @@ use crate::source::{PageArguments, SourceArguments};
 use clap::Args;
 use dermis::files::read_text_at_most;
 use dermis::frame::write_whole;
-use dermis::method::MethodSet;
+use dermis::method::{MethodSet, is_path};
 use dermis::pipeline::{Command, Settings, Severity, State, Zone};
 use dermis::skin::Skin;
 use dermis::text::{counted, printable};
+use dermis_calibrate::Calibration;
 use dermis_live::device::{Address, DeviceOptions};
 use dermis_live::emulator::Emulator;
 use dermis_live::recording::{Player, RecordingLimits, RecordingStatus};
@@ -49,6 +50,10 @@ pub struct Arguments {
     /// methods only.
     #[arg(long)]
     both_signs: bool,
+    /// Tare with frames that are unlike the model of the design, or that are all the same, as those of a simulation without
+    /// noise.
+    #[arg(long)]
+    force: bool,
     /// Record to a new file (MCAP).
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -164,7 +169,11 @@ impl Arguments {
         let zones = self.zone.clone();
         let method = self.method.clone().unwrap_or_default();
         let threshold = self.threshold.unwrap_or(1.0);
-        let settings = Settings { method, threshold, zones, both_signs: self.both_signs, ..Settings::default() };
+        // A calibration knows the skin as it is.
+        let is_calibration = is_path(&method) && Calibration::is_folder(Path::new(&method));
+        let force_tare = self.force || is_calibration || self.source.is_noise_free();
+        let both_signs = self.both_signs;
+        let settings = Settings { method, threshold, zones, both_signs, force_tare, ..Settings::default() };
         let (rate_hz, difference, device_time) = (self.source.rate, self.difference, self.device_time);
         let device = DeviceOptions { rate_hz, difference, device_time };
         LiveOptions { address, device, settings, state }
@@ -190,6 +199,7 @@ impl Arguments {
         let text = read_text_at_most(path, LARGEST_STATE).map_err(|error| wrong(error.to_string()))?;
         let mut state: State = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
         state.settings.both_signs |= self.both_signs;
+        state.settings.force_tare |= self.force;
         Ok(Some(state))
     }
 

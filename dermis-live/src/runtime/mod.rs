@@ -80,6 +80,17 @@ pub enum Event {
     State(Arc<State>),
 }
 
+/// Where frames come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Input {
+    /// A device that measures now: a frame that is late is of no use.
+    Device,
+    /// A stream that waits for the pipeline.
+    Stream,
+    /// A recording, which contains the changes of the method.
+    Recording,
+}
+
 /// A skin that is being read.
 pub struct Live {
     shared: Arc<LiveHandle>,
@@ -105,8 +116,10 @@ impl Live {
         };
         let connection = Connection::open(&options.address, methods.skin(), options.device, None)?;
         let shared = LiveHandle::new(&pipeline);
+        // Standard input may be a file, whose frames wait for each other.
+        let kind = if options.address == Address::Stdin { Input::Stream } else { Input::Device };
         let thread = DeviceThread::new(Arc::clone(&shared), options.address, options.device);
-        Ok(Self::with_threads(shared, pipeline, true, move || thread.run(connection)))
+        Ok(Self::with_threads(shared, pipeline, kind, move || thread.run(connection)))
     }
 
     /// Prepares to play a recording instead of a device; [`begin`](Self::begin) begins. At its end all mailboxes are
@@ -124,16 +137,16 @@ impl Live {
             player.play(&handle);
             handle.close_work();
         };
-        Ok(Self::with_threads(shared, pipeline, false, play))
+        Ok(Self::with_threads(shared, pipeline, Input::Recording, play))
     }
 
     fn with_threads(
         shared: Arc<LiveHandle>,
         pipeline: Pipeline,
-        rebuilds: bool,
+        input: Input,
         source: impl FnOnce() + Send + 'static,
     ) -> Self {
-        let worker = PipelineThread::new(Arc::clone(&shared), pipeline, rebuilds);
+        let worker = PipelineThread::new(Arc::clone(&shared), pipeline, input);
         let [of_source, of_worker] = [(); 2].map(|()| EndsOnPanic(Arc::clone(&shared)));
         let source = move || of_source.run(source);
         let threads =
@@ -248,7 +261,7 @@ mod tests {
             handle.await_begin();
             panic!("a test of panics");
         };
-        let live = Live::with_threads(shared, pipeline, true, source);
+        let live = Live::with_threads(shared, pipeline, Input::Device, source);
         let mailbox = live.shared().subscribe(8);
         live.begin();
         assert!(matches!(mailbox.take(Duration::from_secs(20)), Popped::Closed));

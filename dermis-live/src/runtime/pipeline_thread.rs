@@ -3,7 +3,7 @@
 use crate::clock;
 use crate::device::IncomingFrame;
 use crate::runtime::frame::StaleWatch;
-use crate::runtime::{Event, LiveFrame, LiveHandle, POLL, Popped, WorkItem};
+use crate::runtime::{Event, Input, LiveFrame, LiveHandle, POLL, Popped, WorkItem};
 use dermis::pipeline::{Command, DriftFit, Pipeline, PipelineError, RebuiltMethod, Severity};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -26,7 +26,7 @@ pub(super) struct PipelineThread {
     /// Whether the method is prepared again when the masked channels change; during playback, the recording contains
     /// these changes.
     rebuilds: bool,
-    /// Whether the frames come from a device, and not from a recording.
+    /// Whether late frames are of no use.
     is_live: bool,
     rebuilding: Option<JoinHandle<Result<RebuiltMethod, PipelineError>>>,
     fitting: Option<JoinHandle<Result<DriftFit, PipelineError>>>,
@@ -39,12 +39,12 @@ pub(super) struct PipelineThread {
 }
 
 impl PipelineThread {
-    pub(super) fn new(shared: Arc<LiveHandle>, pipeline: Pipeline, rebuilds: bool) -> Self {
+    pub(super) fn new(shared: Arc<LiveHandle>, pipeline: Pipeline, input: Input) -> Self {
         PipelineThread {
             shared,
             pipeline,
-            rebuilds,
-            is_live: rebuilds,
+            rebuilds: input != Input::Recording,
+            is_live: input == Input::Device,
             rebuilding: None,
             fitting: None,
             tried_without: None,

@@ -333,6 +333,8 @@ class Pipeline:
         threshold: Detection threshold relative to the method's own.
         tare_frames: Number of frames of a tare.
         both_signs: Detect contacts that raise and contacts that lower the conductance. Linear methods only.
+        force: Tare with frames that are unlike the model of the design, or that are all the same, as those of a
+            simulation without noise.
 
     Raises:
         DermisError: An unknown method, a setting out of its range.
@@ -346,6 +348,7 @@ class Pipeline:
         threshold: float = 1.0,
         tare_frames: int = 100,
         both_signs: bool = False,
+        force: bool = False,
     ) -> Self: ...
     def process(self, frame: ArrayLike, time_s: float | None = None) -> Frame:
         """Processes the next frame.

@@ -51,12 +51,7 @@ impl Refusal {
                  simulation without noise with --force"
                     .into()
             }
-            Refusal::Unlike(found) => {
-                format!(
-                    "no tare: {}. Check that this is the skin of the design and that its instrument works: {}",
-                    found.evidence, found.fix
-                )
-            }
+            Refusal::Unlike(found) => format!("no tare: {}; {}", found.evidence, found.fix),
         }
     }
 
