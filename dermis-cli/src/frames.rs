@@ -3,6 +3,7 @@
 use crate::console::{Progress, warn};
 use crate::failure::{Failure, Outcome};
 use crate::method::MethodArguments;
+use crate::skin;
 use clap::{ArgGroup, Args};
 use dermis::finding::Finding;
 use dermis::fit::model_differences;
@@ -114,6 +115,7 @@ impl FrameArguments {
     /// Refuses frames that cannot be those of the skin, and warns of doubtful ones; where contacts do not depend on the model,
     /// it warns of a baseline that is not the model's.
     pub fn check(&self, skin: &Skin, recorded: &Recorded, left_out: &[usize], needs_model: bool) -> Outcome {
+        skin::warn_if_ambiguous(skin)?;
         let Recorded { frames, untouched } = recorded;
         let mut unused = [left_out, &broken_channels(untouched)].concat();
         unused.sort_unstable();

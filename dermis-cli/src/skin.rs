@@ -1,6 +1,6 @@
 //! The skin of a command, and conductivity maps for it.
 
-use crate::console::Progress;
+use crate::console::{Progress, warn};
 use crate::failure::{Failure, Outcome};
 use clap::ValueEnum;
 use dermis::frame::read_conductivities;
@@ -21,6 +21,14 @@ pub enum Per {
 pub fn load(design: &str) -> Outcome<Skin> {
     let _waiting = Progress::waiting("preparing the skin");
     Ok(Skin::load(design)?)
+}
+
+/// Warns of a protocol that cannot tell places apart.
+pub fn warn_if_ambiguous(skin: &Skin) -> Outcome {
+    if let Some(found) = skin.ambiguity()? {
+        warn(&format!("{}: {}; {}", skin.design().name, found.evidence, found.fix));
+    }
+    Ok(())
 }
 
 /// The valid positions of touches on a skin.

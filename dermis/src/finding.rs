@@ -35,6 +35,8 @@ pub enum FindingKind {
     UnlikeModel,
     /// Frames do not fit the untouched frame that they are compared with.
     UnlikeBaseline,
+    /// The protocol cannot tell places apart.
+    Ambiguous,
     /// Values have the opposite sign.
     SignTurned,
     /// Signs that the model has are missing.

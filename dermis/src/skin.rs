@@ -11,12 +11,21 @@
 
 use crate::Result;
 use crate::design::SkinDesign;
+use crate::finding::{Finding, FindingKind};
 use crate::forward::ForwardModel;
 use crate::image::PixelSpace;
+use crate::linalg::dot;
 use crate::mesh::Mesh;
 use crate::reconstruct::Linearised;
 use std::fmt;
 use std::sync::{Arc, OnceLock};
+
+/// Places farther apart than this part of the body's diagonal are far from each other.
+const FAR: f64 = 0.15;
+/// Places that are compared with all others.
+const TRIED: usize = 40;
+/// Least cosine of the changes by touches that no noise of an instrument tells apart.
+const ALIKE: f64 = 0.99;
 
 /// A skin prepared for computing. A clone shares all data with the original.
 #[derive(Clone)]
@@ -127,6 +136,43 @@ impl Skin {
         Ok(self.parts.linearised.get_or_init(|| linearised))
     }
 
+    /// Whether the protocol cannot tell apart places that are far from each other, as opposite drives with opposite measurements
+    /// on a symmetric body: a touch at one of them changes a frame as a touch at the other does. `None` if it can.
+    ///
+    /// # Errors
+    /// A forward problem that cannot be solved.
+    pub fn ambiguity(&self) -> Result<Option<Finding>> {
+        let (jacobian, pixels) = (&self.linearised()?.jacobian, self.pixels());
+        let columns = jacobian.transposed();
+        let size_m = pixels.box_m().map(|[low, high]| high - low);
+        let far_m = FAR * size_m.iter().map(|side| side * side).sum::<f64>().sqrt();
+        let norm = |pixel: usize| dot(columns.row(pixel), columns.row(pixel)).sqrt();
+        let tried: Vec<usize> = (0..pixels.len()).step_by(pixels.len().div_ceil(TRIED)).collect();
+        let twin = |&pixel: &usize| {
+            let distance_m = |other: usize| pixels.surface.distance_m(pixels.centres_m[pixel], pixels.centres_m[other]);
+            let cosine =
+                |other: usize| (dot(columns.row(pixel), columns.row(other)) / (norm(pixel) * norm(other))).abs();
+            let far = (0..pixels.len()).filter(|&other| distance_m(other) > far_m);
+            far.map(|other| (cosine(other), pixel, other))
+                .filter(|found| found.0.is_finite())
+                .max_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let mut alike: Vec<(f64, usize, usize)> =
+            tried.iter().filter_map(twin).filter(|(cosine, ..)| *cosine >= ALIKE).collect();
+        alike.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let Some(&(cosine, a, b)) = alike.first().filter(|_| 2 * alike.len() > tried.len()) else { return Ok(None) };
+        let [a, b] = [a, b].map(|pixel| {
+            let [x, y, z] = pixels.centres_m[pixel].map(|value| 1e3 * value);
+            format!("({x:.0}, {y:.0}, {z:.0}) mm")
+        });
+        let evidence = format!(
+            "the protocol cannot tell most places from others far away: a touch at {a} changes a frame as one at {b} does \
+             (cosine {cosine:.4}). Contacts appear at both"
+        );
+        let fix = "measure or drive other pairs too, as the patterns adjacent and opposite do";
+        Ok(Some(Finding::new(FindingKind::Ambiguous, cosine, evidence, fix)))
+    }
+
     /// Channels that drive or measure at an electrode.
     pub fn channels_of(&self, electrode: usize) -> impl Iterator<Item = usize> {
         let channels = self.design().protocol.channels().iter().enumerate();
@@ -137,6 +183,7 @@ impl Skin {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::protocol::{Channel, Protocol};
 
     #[test]
     fn a_clone_shares_the_linearised_model() {
@@ -144,6 +191,21 @@ mod tests {
         let clone = skin.clone();
         assert!(std::ptr::eq(skin.linearised().unwrap(), clone.linearised().unwrap()));
         assert_eq!(skin.design_text(), SkinDesign::shipped_text("tank16"));
+    }
+
+    #[test]
+    fn opposite_drives_and_measurements_are_ambiguous_and_shipped_protocols_are_not() {
+        for name in SkinDesign::SHIPPED {
+            assert_eq!(Skin::load(name).unwrap().ambiguity().unwrap(), None, "{name}");
+        }
+        let mut design = SkinDesign::shipped("tank16").unwrap();
+        let pairs = (0..8).map(|first| [first, first + 8]);
+        let channels = pairs.clone().flat_map(|drive| {
+            pairs.clone().filter(move |measure| *measure != drive).map(move |measure| Channel { drive, measure })
+        });
+        design.protocol = Protocol::new(16, channels.collect()).unwrap();
+        let found = Skin::new(design).unwrap().ambiguity().unwrap().expect("an ambiguous protocol");
+        assert!(found.kind == FindingKind::Ambiguous && found.value > 0.999, "{}", found.evidence);
     }
 
     #[test]

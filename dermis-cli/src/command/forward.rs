@@ -44,6 +44,7 @@ impl Arguments {
     /// Solves the forward problem for every map.
     pub fn run(self) -> Outcome {
         let skin = skin::load(&self.design)?;
+        skin::warn_if_ambiguous(&skin)?;
         let frames = match &self.touches {
             Some(path) => {
                 let touches = self.read_touches(&skin, path)?;

@@ -46,6 +46,7 @@ fn one_step_options(prior: Prior, skin: &Skin, options: &MethodOptions) -> OneSt
         channel_sd: options.channel_sd.clone(),
         touch: skin.design().sheet.touch,
         examples: options.examples.clone(),
+        baseline: options.baseline.clone(),
         ..OneStepOptions::default()
     }
 }

@@ -22,8 +22,8 @@ pub struct MethodOptions {
     pub channel_sd: Vec<f64>,
     /// Measured differences, ohm, for the rules of alpha that use data ([`Alpha::LCurve`], [`Alpha::Gcv`]).
     pub examples: Vec<Frame>,
-    /// The measured frame of the untouched skin, ohm, to which `gauss-newton` scales its model; other methods do not
-    /// depend on it.
+    /// The measured frame of the untouched skin, ohm, to which `gauss-newton` scales its model, and by which one-step methods
+    /// divide normalised differences; other methods do not depend on it.
     pub baseline: Option<Frame>,
 }
 

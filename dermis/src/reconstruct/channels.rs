@@ -66,17 +66,34 @@ impl Channels {
         }
         let inverse = |&channel: &usize| {
             let value = model.rest_frame[channel];
-            if value != 0.0 && value.is_finite() {
-                Ok(1.0 / value)
-            } else {
-                let message =
-                    format!("a normalised difference divides by the untouched value of channel {channel}, {value}");
-                Err(ReconstructError::Parameter(message))
-            }
+            if value != 0.0 && value.is_finite() { Ok(1.0 / value) } else { Err(no_normal(channel, value)) }
         };
         let inverses = kept.iter().map(inverse).collect::<Result<Vec<_>, _>>()?;
         let even = difference == Difference::NormalisedEven;
         Ok(Channels { scale: if even { inverses.clone() } else { ones }, prior_scale: inverses, kept })
+    }
+
+    /// Changes the matrix for differences that are normalised by the model's values to one for those by measured values.
+    ///
+    /// # Errors
+    /// A baseline of another length, with a value of 0 in a channel in use.
+    pub(crate) fn divide_by(
+        &self,
+        baseline: &[f64],
+        model: &Linearised,
+        matrix: &mut Matrix,
+    ) -> Result<(), ReconstructError> {
+        if baseline.len() != model.channel_count() {
+            return Err(ReconstructError::FrameLength { got: baseline.len(), expected: model.channel_count() });
+        }
+        for &channel in &self.kept {
+            let value = baseline[channel];
+            if value == 0.0 || !value.is_finite() {
+                return Err(no_normal(channel, value));
+            }
+            (0..matrix.rows).for_each(|pixel| *matrix.at_mut(pixel, channel) *= model.rest_frame[channel] / value);
+        }
+        Ok(())
     }
 
     /// The values of a whole frame in the channels in use, each times its factor.
@@ -113,6 +130,12 @@ impl Channels {
         }
         Matrix { rows, columns, values }
     }
+}
+
+/// The error of a normalised difference of a channel whose untouched value is 0.
+fn no_normal(channel: usize, value: f64) -> ReconstructError {
+    let message = format!("a normalised difference divides by the untouched value of channel {channel}, {value}");
+    ReconstructError::Parameter(message)
 }
 
 /// Factors of channels in use that make their noise equal: the inverse of each standard deviation, relative to the

@@ -33,6 +33,8 @@ pub struct OneStepOptions {
     pub target: Vec<usize>,
     /// Measured differences, for the rules that use data ([`Alpha::LCurve`], [`Alpha::Gcv`]). No labels are needed.
     pub examples: Vec<Frame>,
+    /// The measured frame of the untouched skin, ohm, by which a normalised difference is divided; the model's without it.
+    pub baseline: Option<Frame>,
 }
 
 impl Default for OneStepOptions {
@@ -46,6 +48,7 @@ impl Default for OneStepOptions {
             touch: TouchEffect::ConductanceRises,
             target: Vec::new(),
             examples: Vec::new(),
+            baseline: None,
         }
     }
 }
@@ -98,7 +101,10 @@ impl OneStep {
         let scale = if absolute { 1.0 } else { system.scale()? };
         let (alpha, rule) = alpha::choose(&system, scale, &channels, &pixels, options)?;
         let inverse = system.inverse(alpha * alpha * scale)?;
-        let matrix = channels.spread(inverse.as_ref(), model, absolute, options.touch.sign());
+        let mut matrix = channels.spread(inverse.as_ref(), model, absolute, options.touch.sign());
+        if let (Some(baseline), true) = (&options.baseline, options.difference != Difference::Plain) {
+            channels.divide_by(baseline, model, &mut matrix)?;
+        }
         if let Some(at) = matrix.values.iter().position(|value| !value.is_finite()) {
             let message =
                 format!("the reconstruction matrix is {} at pixel {}", matrix.values[at], at / matrix.columns);

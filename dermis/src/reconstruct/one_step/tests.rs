@@ -117,6 +117,34 @@ fn normalised_differences_weigh_channels_as_documented() {
     }
 }
 
+/// Gains of the channels are not in an image of normalised differences, as in EIDORS and pyEIT.
+#[test]
+fn normalised_differences_are_divided_by_the_measured_values() {
+    let (model, pixels) = small(12, 20);
+    let gain = |channel: usize| 2.0 + 0.1 * channel as f64;
+    let of = |difference, baseline| {
+        let options = OneStepOptions { difference, baseline, ..given(0.1) };
+        OneStep::from_linearised(&model, Arc::clone(&pixels), &options).unwrap()
+    };
+    let change: Vec<f64> = (0..12).map(|channel| (1.7 * channel as f64).sin()).collect();
+    let measured: Vec<f64> = change.iter().enumerate().map(|(channel, value)| gain(channel) * value).collect();
+    let baseline: Vec<f64> = (0..12).map(|channel| gain(channel) * model.rest_frame[channel]).collect();
+    for difference in [Difference::Normalised, Difference::NormalisedEven] {
+        let image = |one_step: OneStep, frame: &[f64]| {
+            let mut image = vec![0.0; 20];
+            one_step.reconstruct_into(frame, &mut image).unwrap();
+            image
+        };
+        let without = image(of(difference, None), &change);
+        let with = image(of(difference, Some(Frame(baseline.clone()))), &measured);
+        assert!(without.iter().zip(&with).all(|(a, b)| (a - b).abs() < 1e-12 * a.abs().max(1e-3)));
+    }
+    let options =
+        OneStepOptions { difference: Difference::Normalised, baseline: Some(Frame(vec![0.0; 12])), ..given(0.1) };
+    let error = OneStep::from_linearised(&model, Arc::clone(&pixels), &options).unwrap_err().to_string();
+    assert!(error.contains("untouched value of channel 0, 0"), "{error}");
+}
+
 #[test]
 fn bad_input_is_an_error() {
     let (model, pixels) = small(12, 20);
