@@ -11,7 +11,7 @@ use dermis::skin::Skin;
 use dermis::text::counted;
 use std::collections::{BTreeMap, VecDeque};
 use std::mem::discriminant;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -28,6 +28,8 @@ const NOTICES: u32 = 100;
 pub struct LiveHandle {
     methods: Arc<MethodSet>,
     work: Mailbox<WorkItem>,
+    /// Frames that the pipeline has passed over for a newer one.
+    late: AtomicU64,
     commands: Mutex<VecDeque<Command>>,
     subscribers: Mutex<Vec<Subscriber>>,
     start: Instant,
@@ -68,6 +70,7 @@ impl LiveHandle {
         Arc::new(LiveHandle {
             methods: Arc::clone(pipeline.methods()),
             work: Mailbox::new(MOST_WAITING),
+            late: AtomicU64::new(0),
             commands: Mutex::default(),
             subscribers: Mutex::default(),
             start: Instant::now(),
@@ -202,7 +205,12 @@ impl LiveHandle {
 
     /// Frames that were dropped before the pipeline, because they arrived faster than it works.
     pub fn skipped(&self) -> u64 {
-        self.work.dropped()
+        self.work.dropped() + self.late.load(Ordering::Relaxed)
+    }
+
+    /// Counts frames that were late.
+    pub(super) fn add_late(&self, frames: u64) {
+        self.late.fetch_add(frames, Ordering::Relaxed);
     }
 
     /// Whether it is being stopped.

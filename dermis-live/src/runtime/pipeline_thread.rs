@@ -88,9 +88,7 @@ impl PipelineThread {
                 Popped::TimedOut | Popped::Closed => break,
             }
         }
-        if skipped > 0 {
-            self.shared.add_dropped("the pipeline", skipped);
-        }
+        self.shared.add_late(skipped);
         frame
     }
 

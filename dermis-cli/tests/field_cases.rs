@@ -1,0 +1,173 @@
+//! Files and hands of users: each case is a folder whose README says what is right. Data without a stated licence lie beside the
+//! project or in `DERMIS_DATA`; without them the tests print that they were skipped.
+
+mod workplace;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use workplace::Workplace;
+
+/// A working folder with the files of a case; `None` where the data are missing.
+fn case(name: &str) -> Option<Workplace> {
+    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
+    let data = PathBuf::from(std::env::var("DERMIS_DATA").unwrap_or(beside.into()));
+    let folder = data.join("field_cases").join(name);
+    if !folder.is_dir() {
+        println!("skipped: there is no {} (DERMIS_DATA names the folder of the data)", folder.display());
+        return None;
+    }
+    let at = Workplace::empty();
+    for file in std::fs::read_dir(folder).unwrap() {
+        let file = file.unwrap().path();
+        std::fs::copy(&file, at.path(file.file_name().and_then(|name| name.to_str()).unwrap())).unwrap();
+    }
+    Some(at)
+}
+
+/// The exit code and what a command says on both outputs, in one line.
+fn said(at: &Workplace, arguments: &str) -> (Option<i32>, String) {
+    let output = at.run(arguments);
+    let text = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).concat();
+    let plain: Vec<&str> = text.split_whitespace().filter(|word| !["│", "×"].contains(word)).collect();
+    (output.status.code(), plain.join(" "))
+}
+
+fn refused(at: &Workplace, arguments: &str, words: &[&str]) {
+    let (code, text) = said(at, arguments);
+    assert!(code == Some(2) && words.iter().all(|word| text.contains(word)), "{arguments}: {code:?}: {text}");
+    let (code, text) = said(at, &format!("{arguments} --force"));
+    assert!(code == Some(0) && text.contains("warning"), "{arguments} --force: {code:?}: {text}");
+}
+
+/// The number of contacts that a command reports.
+fn contacts(at: &Workplace, arguments: &str) -> usize {
+    let (code, text) = said(at, arguments);
+    assert_eq!(code, Some(0), "{arguments}: {text}");
+    let number = text.split(": ").find_map(|part| part.split(' ').next()?.parse().ok());
+    number.unwrap_or_else(|| panic!("{arguments}: {text}"))
+}
+
+#[test]
+fn one_untouched_row_gives_no_contacts_out_of_nothing() {
+    let Some(at) = case("01-single-baseline-false-contacts") else { return };
+    for baseline in ["u1.csv", "u20.csv"] {
+        assert_eq!(contacts(&at, &format!("contacts disk.toml --frames v10.csv --baseline {baseline} -o c.csv")), 0);
+    }
+}
+
+#[test]
+fn amplitudes_in_a_signed_design_are_refused() {
+    let Some(at) = case("02-sign-wrong-silent") else { return };
+    refused(
+        &at,
+        "contacts disk.toml --frames absf.csv --baseline absb.csv -o c.csv",
+        &["signs turned", "amplitude_only"],
+    );
+}
+
+#[test]
+fn opposite_drives_and_measurements_are_said_to_be_ambiguous() {
+    let Some(at) = case("06-mirror-ambiguous-protocol") else { return };
+    for design in ["opps.toml", "oppa.toml"] {
+        let commands = [
+            format!("forward {design} -o b.csv"),
+            format!("forward {design} --touches touch2.csv -o f.csv"),
+            format!("contacts {design} --frames f.csv --baseline b.csv -o c.csv"),
+            format!("check-frames {design} --frames f.csv --baseline b.csv"),
+        ];
+        for command in commands {
+            let (_, text) = said(&at, &command);
+            assert!(text.contains("warning") && text.contains("cannot tell most places"), "{command}: {text}");
+        }
+    }
+}
+
+#[test]
+fn frames_of_another_size_than_their_baseline_are_refused() {
+    let Some(at) = case("07-frames-baseline-scale-mismatch") else { return };
+    refused(&at, "contacts disk.toml --frames x10.csv --baseline base.csv -o c.csv", &["x10.csv", "0.109 times"]);
+    refused(&at, "contacts u16.toml --frames ex_diff.csv --baseline ex_ref.csv --both-signs -o c.csv", &["ex_ref.csv"]);
+}
+
+#[test]
+fn normalised_differences_are_free_of_gains_and_units() {
+    let Some(at) = case("16-normalised-not-normalised") else { return };
+    let scored = |input: &str| {
+        let score = at.json(&format!("evaluate disk.toml {input} --truth rand50.csv --method noser --json"));
+        let mean_m = score["localisation_m"]["mean"].as_f64().unwrap();
+        (mean_m, score["misses"].as_u64().unwrap() + score["false_positives"].as_u64().unwrap())
+    };
+    let (mean_m, wrong) = scored("--frames gain_f.csv --baseline gain_b.csv --weighting normalised");
+    assert!(wrong == 0 && mean_m < 6e-4, "{mean_m} m, {wrong} wrong");
+    // Kilo-ohm: the same image.
+    at.good("reconstruct disk.toml --frames k_f.csv --baseline k_b.csv --weighting normalised -o k.csv");
+    let most = std::fs::read_to_string(at.path("k.csv")).unwrap();
+    let most = most.split([',', '\n']).filter_map(|value| value.parse().ok()).filter(|value: &f64| value.is_finite());
+    let most = most.fold(0.0, |most: f64, value| most.max(value.abs()));
+    assert!((0.05..5.0).contains(&most), "{most}");
+}
+
+#[test]
+fn noise_in_place_of_frames_is_refused() {
+    let Some(at) = case("live-09-check-frames-nonsense") else { return };
+    at.good("forward cylinder30 -o baseline.csv");
+    let words = ["agrees with its baseline by", "same skin"];
+    refused(&at, "contacts cylinder30 --frames noise.csv --baseline baseline.csv --method noser -o c.csv", &words);
+}
+
+/// The states of the frames of a live skin, and how many have contacts.
+fn lived(at: &Workplace, arguments: &str, input: Option<&Path>) -> (BTreeMap<String, usize>, usize, String) {
+    let mut command = at.command(&format!("live {arguments} --serve off --jsonl -"));
+    if let Some(path) = input {
+        command.stdin(Stdio::from(std::fs::File::open(path).unwrap()));
+    }
+    let output = command.output().unwrap();
+    let (mut states, mut touched) = (BTreeMap::new(), 0);
+    for line in String::from_utf8_lossy(&output.stdout).lines() {
+        let Ok(frame) = serde_json::from_str::<serde_json::Value>(line) else { continue };
+        let Some(state) = frame["validity"]["state"].as_str() else { continue };
+        let reason = frame["validity"]["reason"].as_str().unwrap_or_default();
+        *states.entry(format!("{state} {reason}").trim().to_string()).or_insert(0) += 1;
+        touched += usize::from(!frame["contacts"].as_array().unwrap().is_empty());
+    }
+    (states, touched, String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[test]
+fn a_touch_in_the_tare_blinds_no_place_and_leaves_no_false_contact() {
+    let Some(at) = case("live-01-touch-during-tare") else { return };
+    // Two presses of 1.5 s: 360 frames.
+    for (script, warning) in [
+        ("control", ""),
+        ("tap40ms", ""),
+        ("tap200ms", "no tare yet"),
+        ("half", "no tare yet"),
+        ("whole", "a touch has ended that was there at the tare"),
+    ] {
+        let (states, touched, said) =
+            lived(&at, &format!("cylinder30 --touch {script}.toml --method noser --for 9"), None);
+        assert!((340..=380).contains(&touched), "{script}: {touched} of 360 frames, {states:?}");
+        assert!(said.contains(warning), "{script}: {said}");
+    }
+}
+
+#[test]
+fn an_instrument_that_is_dead_or_frozen_is_never_ok() {
+    let Some(at) = case("live-02-dead-instrument-ok") else { return };
+    for fault in ["zeros", "gain:0", "freeze"] {
+        let arguments = format!("cylinder30 --method noser --for 3 --touch p10.toml --fault {fault}@0+60");
+        let (states, touched, said) = lived(&at, &arguments, None);
+        assert!(states.keys().eq(["invalid tare"]) && touched == 0, "{fault}: {states:?}");
+        assert!(said.contains("no tare: "), "{fault}: {said}");
+    }
+}
+
+#[test]
+fn a_touch_that_moves_is_no_noise() {
+    let Some(at) = case("05-live-moving-touch-invalid-noise") else { return };
+    for (design, rows, least) in [("disk.toml", "live_circ4.csv", 94), ("iirc.toml", "iirc_live_n.csv", 94)] {
+        let (states, touched, _) = lived(&at, &format!("{design} --source csv:- --rate 20"), Some(&at.path(rows)));
+        assert!(touched >= least, "{design}: contacts in {touched} of 99 frames, {states:?}");
+    }
+}
