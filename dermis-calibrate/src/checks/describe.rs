@@ -130,6 +130,14 @@ pub(super) fn turned(columns: Vec<usize>, worst: f64) -> Finding {
     Finding::new(FindingKind::SignTurned, value, what, fix).at_channels(columns)
 }
 
+/// An electrode without connection.
+pub(super) fn open(electrode: usize) -> Finding {
+    let evidence =
+        "most values of each of its drives scatter far more than others in the untouched frames, or are constant";
+    let fix = "check its wire and its contact; the other commands leave its channels out";
+    Finding::new(FindingKind::OpenElectrode, f64::NAN, evidence, fix).at_electrodes([electrode])
+}
+
 /// The channels of one lag.
 pub(super) fn late(lag: i32, lags: &[i32], figures: &Figures) -> Option<Finding> {
     let channels: Vec<usize> = (0..lags.len()).filter(|&channel| lags[channel] == lag).collect();

@@ -43,7 +43,7 @@ use axes::Labelled;
 use correlation::{correlations, in_robust_units, standardised, to_matrix, to_rows};
 use dermis::design::Body;
 use dermis::finding::{Finding, FindingKind};
-use dermis::frame::{Frame, mean};
+use dermis::frame::{Frame, broken_channels, disconnected_electrodes, mean};
 use dermis::geom::Point3;
 use dermis::protocol::Protocol;
 use dermis::skin::Skin;
@@ -206,6 +206,8 @@ struct Check<'a> {
     differences: Vec<Frame>,
     columns: Vec<Vec<f64>>,
     constant: Vec<usize>,
+    /// Those that use an electrode without connection.
+    of_open: Vec<usize>,
     dead: Vec<usize>,
     left_out: Vec<usize>,
     lags: Vec<i32>,
@@ -223,6 +225,13 @@ impl<'a> Check<'a> {
         };
         let columns = values::columns(recording.frames);
         let constant = values::constant_channels(&columns);
+        let protocol = &skin.design().protocol;
+        let broken = broken_channels(recording.untouched);
+        let open =
+            disconnected_electrodes(protocol, |channel| !broken.contains(&channel) && !constant.contains(&channel));
+        let of_open: Vec<usize> =
+            (0..columns.len()).filter(|&channel| open.iter().any(|&e| protocol.channels()[channel].uses(e))).collect();
+        let findings = open.into_iter().map(describe::open).collect();
         Ok(Check {
             recording,
             body: skin.design().body.clone(),
@@ -232,11 +241,12 @@ impl<'a> Check<'a> {
             untouched: untouched.map(|frame| frame.0),
             differences,
             columns,
-            dead: constant.clone(),
+            dead: [constant.clone(), of_open.clone()].concat(),
             constant,
+            of_open,
             left_out: Vec::new(),
             lags: Vec::new(),
-            findings: Vec::new(),
+            findings,
         })
     }
 
@@ -352,7 +362,8 @@ impl<'a> Check<'a> {
             self.figures.lag_explained[*column] = explained.clone();
         }
         let noise = describe::noise_only(&evidence, mended, &self.model);
-        self.dead = noise.into_iter().map(|channel| order.columns[channel]).chain(self.constant.clone()).collect();
+        let noise = noise.into_iter().map(|channel| order.columns[channel]);
+        self.dead = noise.chain(self.constant.clone()).chain(self.of_open.clone()).collect();
         self.dead.sort_unstable();
         self.dead.dedup();
         self.findings.retain(|finding| finding.kind != FindingKind::Late);
@@ -450,7 +461,10 @@ impl<'a> Check<'a> {
 
     /// What the values alone show.
     fn of_values(&mut self) {
-        self.findings.extend(values::dead(self.dead.clone(), self.constant.len(), describe::NOISE));
+        let is_explained = |channel: &usize| self.of_open.contains(channel);
+        let dead: Vec<usize> = self.dead.iter().copied().filter(|channel| !is_explained(channel)).collect();
+        let constant = self.constant.iter().filter(|channel| !is_explained(channel)).count();
+        self.findings.extend(values::dead(dead, constant, describe::NOISE));
         self.findings.extend(values::saturated(&self.columns, &self.dead));
         self.findings.extend(values::outliers(&self.columns, &self.dead));
         let magnitude = match &self.untouched {

@@ -24,8 +24,8 @@ const MISS_RATIO: f64 = 0.5;
 const LEAST_GAIN: f64 = 0.05;
 /// By the changes alone, another order must be better by this factor ...
 const GAIN_RATIO: f64 = 1.12;
-/// ... and by this difference.
-const GAIN_CHANGES: f64 = 0.015;
+/// ... and by this difference: of two orders of noise one always fits better.
+const GAIN_CHANGES: f64 = 0.05;
 /// Exchanged drives: smallest gain of one exchange, as a part of the score.
 const LEAST_EXCHANGE: f64 = 0.02;
 
@@ -53,6 +53,16 @@ pub(crate) struct Matcher<'a> {
     measured: Option<&'a Mat<f64>>,
     /// Columns of the file that are not compared.
     dead: Vec<bool>,
+    /// Channels of the design that are not compared: those at a driven electrode, whose contact the design hardly knows.
+    driven: Vec<bool>,
+}
+
+/// Channels at a driven electrode; none where there are hardly any others.
+fn driven(protocol: &Protocol) -> Vec<bool> {
+    let mut driven = vec![true; protocol.channel_count()];
+    protocol.undriven().for_each(|channel| driven[channel] = false);
+    let others = driven.iter().filter(|driven| !**driven).count();
+    if 2 * others < driven.len() { vec![false; driven.len()] } else { driven }
 }
 
 /// An order that fits better than that of the design.
@@ -85,13 +95,15 @@ impl<'a> Matcher<'a> {
             pairs,
             measured,
             dead: (0..channels).map(|column| dead.contains(&column)).collect(),
+            driven: driven(protocol),
         }
     }
 
     /// The score of an order.
     pub(crate) fn score(&self, order: &Order) -> Score {
         let untouched = self.untouched.as_ref().map_or(0.0, |frame| {
-            let alive = || (0..frame.len()).filter(|&channel| !self.dead[order.columns[channel]]);
+            let alive =
+                || (0..frame.len()).filter(|&channel| !self.dead[order.columns[channel]] && !self.driven[channel]);
             let own = alive().map(|channel| order.signs[channel] * frame[order.columns[channel]]);
             cosine(own, alive().map(|channel| self.model_untouched[channel]))
         });
@@ -99,8 +111,8 @@ impl<'a> Matcher<'a> {
             let value = |&(a, b, _): &(usize, usize, f64)| {
                 order.signs[a] * order.signs[b] * measured[(order.columns[a], order.columns[b])]
             };
-            let alive =
-                |&&(a, b, _): &&(usize, usize, f64)| !self.dead[order.columns[a]] && !self.dead[order.columns[b]];
+            let is_compared = |channel: usize| !self.dead[order.columns[channel]] && !self.driven[channel];
+            let alive = |&&(a, b, _): &&(usize, usize, f64)| is_compared(a) && is_compared(b);
             let pairs = || self.pairs.iter().filter(alive);
             cosine(pairs().map(value), pairs().map(|pair| pair.2))
         });
@@ -200,7 +212,7 @@ impl<'a> Matcher<'a> {
         }
         let sign = cosine(frame.iter().copied(), self.model_untouched.iter().copied()).signum();
         let cost = |design: usize, file: usize| -> f64 {
-            let pairs = blocks[design].iter().zip(&blocks[file]);
+            let pairs = blocks[design].iter().zip(&blocks[file]).filter(|(a, _)| !self.driven[**a]);
             pairs.map(|(&a, &b)| (self.model_untouched[a] - sign * frame[b]).powi(2)).sum()
         };
         let mut assigned = vec![0; drives.len()];

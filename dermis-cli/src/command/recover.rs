@@ -1,11 +1,11 @@
 //! `dermis recover`: repair of a truncated recording.
 
 use crate::console::{Progress, print, print_json};
-use crate::failure::Outcome;
+use crate::failure::{Failure, Outcome};
 use clap::Args;
 use dermis::text::counted;
 use dermis_live::recording::{RecoveryReport, recover};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The arguments of `dermis recover`.
 #[derive(Debug, Args)]
@@ -20,6 +20,15 @@ pub struct Arguments {
     json: bool,
 }
 
+/// The error of a recording with damaged parts, which are lost. One that only ends early has none.
+pub(super) fn damage(recording: &Path, parts: usize) -> Outcome {
+    if parts == 0 {
+        return Ok(());
+    }
+    let message = format!("{}: {} lost, everything else was read", recording.display(), counted(parts, "damaged part"));
+    Err(Failure::given(message, Some("look for another copy of the file")))
+}
+
 impl Arguments {
     /// Repairs the recording.
     pub fn run(self) -> Outcome {
@@ -28,9 +37,10 @@ impl Arguments {
             recover(&self.recording, &self.output).map_err(dermis_live::LiveError::from)?
         };
         match self.json {
-            true => print_json(&recovered),
-            false => print(&self.summary(&recovered)),
+            true => print_json(&recovered)?,
+            false => print(&self.summary(&recovered))?,
         }
+        damage(&self.recording, recovered.damaged.len())
     }
 
     fn summary(&self, recovered: &RecoveryReport) -> String {

@@ -1,5 +1,6 @@
 //! `dermis replay`: the contacts of a recording, recomputed from the messages of the device.
 
+use crate::command::recover::damage;
 use crate::console::{Progress, print};
 use crate::failure::{Failure, Outcome};
 use clap::Args;
@@ -34,7 +35,7 @@ impl Arguments {
         let name = replay.skin().design().name.clone();
         let waiting = Progress::waiting("replaying");
         let mut out = BufWriter::new(std::io::stdout().lock());
-        let (mut frames, mut touched, mut damaged) = (0u64, 0u64, 0u64);
+        let (mut frames, mut touched, mut damaged) = (0u64, 0u64, 0);
         loop {
             let frame = match replay.step() {
                 Ok(None) => break,
@@ -66,12 +67,9 @@ impl Arguments {
             std::io::ErrorKind::BrokenPipe => Ok(()),
             _ => Err(Failure::given(format!("cannot write: {error}"), None)),
         })?;
-        if damaged > 0 {
-            eprintln!("{}: {} left out", self.recording.display(), counted(damaged, "damaged part"));
-        }
         if self.summary {
             print(&format!("{}, {touched} of them with contacts\n", counted(frames, "frame")))?;
         }
-        Ok(())
+        damage(&self.recording, damaged)
     }
 }

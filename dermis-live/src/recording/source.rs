@@ -8,6 +8,8 @@ use std::io::{BufReader, Read, Result};
 pub(super) const PREFIX_BYTES: usize = 9;
 /// Length of what identifies the start of a recording: the magic bytes and the prefix of the header.
 const START_BYTES: usize = MAGIC.len() + PREFIX_BYTES;
+/// Length of what identifies a chunk: its prefix, its fields with the name of the compression, and the length of its records.
+const LONGEST_START: usize = PREFIX_BYTES + 40 + 4;
 /// Longest header of a recording: two short texts.
 const LONGEST_HEADER: u64 = 0xffff;
 /// Bytes that are searched at a time.
@@ -26,14 +28,23 @@ pub(super) struct Source<R> {
     reread: u64,
 }
 
-/// The bytes before the start of another recording.
+/// The bytes before the next place from which on a file can be read.
 pub(super) struct Skipped {
     /// The first of them, as many as were wanted.
     pub first: Vec<u8>,
     /// Their number.
     pub bytes: u64,
-    /// Whether another recording begins after them; if not, they extend to the end of the file.
-    pub found: bool,
+    /// What begins after them; `None` if they extend to the end of the file.
+    pub found: Option<Next>,
+}
+
+/// What begins after skipped bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Next {
+    /// Another recording.
+    Recording,
+    /// A chunk of the same recording.
+    Chunk,
 }
 
 impl<R: Read> Source<R> {
@@ -115,20 +126,35 @@ impl<R: Read> Source<R> {
         Ok(!(ends && follows))
     }
 
-    /// Takes the bytes up to the start of another recording, or up to the end; the first `keep` bytes are returned.
-    pub(super) fn skip_to_start(&mut self, keep: u64) -> Result<Skipped> {
+    /// Whether a record begins here that may follow another one.
+    pub(super) fn continues(&mut self) -> Result<bool> {
+        let next = self.peek(LONGEST_START)?;
+        let Some(&[kind, ref length @ ..]) = next.first_chunk::<PREFIX_BYTES>() else { return Ok(next.is_empty()) };
+        let fits = u64::from_le_bytes(*length) <= self.left() - PREFIX_BYTES as u64;
+        let is_known = (op::HEADER..=op::DATA_END).contains(&kind);
+        Ok(start(&next) == Some(0) || fits && is_known && (kind != op::CHUNK || is_chunk(&next)))
+    }
+
+    /// Takes the bytes up to the start of another recording, or of a chunk where these are looked for, or up to the end; the
+    /// first `keep` bytes are returned.
+    pub(super) fn skip_to_start(&mut self, keep: u64, chunks: bool) -> Result<Skipped> {
         let (mut first, mut bytes) = (Vec::new(), 0);
         let mut window: Vec<u8> = Vec::new();
         loop {
             let block = self.take(BLOCK_BYTES)?;
             let is_end = block.is_empty();
             window.extend(block);
-            let found = start(&window);
+            let recording = start(&window).map(|at| (at, Next::Recording));
+            // The bytes skipped begin with what is damaged.
+            let from = usize::from(bytes == 0);
+            let chunk = || (from..window.len()).find(|&at| window[at] == op::CHUNK && is_chunk(&window[at..]));
+            let chunk = if chunks { chunk().map(|at| (at, Next::Chunk)) } else { None };
+            let found = [recording, chunk].into_iter().flatten().min_by_key(|found| found.0);
             // A start may extend into the next block.
             let done = match (found, is_end) {
-                (Some(at), _) => at,
+                (Some((at, _)), _) => at,
                 (None, true) => window.len(),
-                (None, false) => window.len().saturating_sub(START_BYTES - 1),
+                (None, false) => window.len().saturating_sub(LONGEST_START - 1),
             };
             let rest = window.split_off(done);
             let kept = (window.len() as u64).min(keep - first.len() as u64);
@@ -137,10 +163,25 @@ impl<R: Read> Source<R> {
             window = rest;
             if found.is_some() || is_end {
                 self.put_back(window);
-                return Ok(Skipped { first, bytes, found: found.is_some() });
+                return Ok(Skipped { first, bytes, found: found.map(|found| found.1) });
             }
         }
     }
+}
+
+/// Whether some bytes begin with a chunk: its length is that of its fields and its records, and its compression is known.
+fn is_chunk(bytes: &[u8]) -> bool {
+    let number = |at: usize| bytes.get(at..)?.first_chunk().map(|bytes| u64::from_le_bytes(*bytes));
+    let read = || {
+        // The prefix; start and end time, length of the records unpacked; checksum.
+        let (length, from, to) = (number(1)?, number(9)?, number(17)?);
+        let compression = bytes.get(37..)?.first_chunk().map(|bytes| u32::from_le_bytes(*bytes))?;
+        let name = bytes.get(41..41 + usize::try_from(compression).ok().filter(|length| *length <= 4)?)?;
+        let packed = number(41 + name.len())?;
+        let is_known = [&b""[..], b"lz4", b"zstd"].contains(&name);
+        Some(is_known && from <= to && packed.checked_add(40 + name.len() as u64) == Some(length))
+    };
+    bytes.first() == Some(&op::CHUNK) && read().unwrap_or(false)
 }
 
 /// Whether records of this kind exist; others may be added by programs.
@@ -175,14 +216,42 @@ mod tests {
             bytes.extend_from_slice(START);
             bytes.extend([7; 40]);
             let mut source = Source::new(&bytes[..], bytes.len() as u64);
-            let skipped = source.skip_to_start(50).unwrap();
-            assert!(skipped.found && skipped.bytes == before as u64, "{before}");
+            let skipped = source.skip_to_start(50, true).unwrap();
+            assert!(skipped.found == Some(Next::Recording) && skipped.bytes == before as u64, "{before}");
             assert_eq!(skipped.first.len(), before.min(50));
             assert_eq!(source.at(), before as u64);
             assert_eq!(source.take(START.len() as u64).unwrap(), START);
-            let rest = source.skip_to_start(1000).unwrap();
-            assert!(!rest.found && rest.first == [7; 40] && source.left() == 0);
+            let rest = source.skip_to_start(1000, true).unwrap();
+            assert!(rest.found.is_none() && rest.first == [7; 40] && source.left() == 0);
         }
+    }
+
+    #[test]
+    fn a_chunk_is_found_at_any_position() {
+        let fields = |name: &[u8], packed: u64| {
+            let times = [5u64.to_le_bytes(), 9u64.to_le_bytes(), 1000u64.to_le_bytes()].concat();
+            let name = [&(name.len() as u32).to_le_bytes(), name].concat();
+            [
+                &[op::CHUNK][..],
+                &(packed + 36 + name.len() as u64).to_le_bytes(),
+                &times,
+                &[1; 4],
+                &name,
+                &packed.to_le_bytes(),
+            ]
+            .concat()
+        };
+        for name in [&b""[..], b"lz4", b"zstd"] {
+            let chunk = [fields(name, 70), vec![3; 70]].concat();
+            for before in [1, 60, BLOCK_BYTES as usize - 53, BLOCK_BYTES as usize - 20, BLOCK_BYTES as usize] {
+                let bytes = [&vec![op::CHUNK; before][..], &chunk].concat();
+                let mut source = Source::new(&bytes[..], bytes.len() as u64);
+                let skipped = source.skip_to_start(0, true).unwrap();
+                assert_eq!((skipped.found, skipped.bytes), (Some(Next::Chunk), before as u64), "{name:?} {before}");
+                assert!(source.continues().unwrap());
+            }
+        }
+        assert!(!is_chunk(&fields(b"none", 70)) && !is_chunk(&fields(b"lz4", 70)[..30]));
     }
 
     #[test]

@@ -190,6 +190,56 @@ fn a_damaged_chunk_costs_itself_alone() {
     assert!(matches!(errors.as_slice(), [RecordError::Damaged { .. }]), "{errors:?}");
 }
 
+/// The positions of the chunks of a recording, by the lengths of its records, and where its data end.
+fn chunks(bytes: &[u8]) -> Vec<std::ops::Range<usize>> {
+    let (mut at, mut chunks) = (mcap::MAGIC.len(), Vec::new());
+    while bytes[at] != mcap::records::op::DATA_END {
+        let end = at + 9 + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        if bytes[at] == mcap::records::op::CHUNK {
+            chunks.push(at..end);
+        }
+        at = end;
+    }
+    chunks.push(at..at);
+    chunks
+}
+
+/// Random damage from one bit to some chunks, of lengths and of contents; the topics are declared in the first chunk.
+#[test]
+fn damage_anywhere_costs_the_damaged_chunks_alone() {
+    let whole = &recorded().0;
+    let mut chunks = chunks(whole);
+    let data_end = chunks.pop().unwrap().start;
+    let of_chunk: Vec<u64> = chunks[1..]
+        .iter()
+        .map(|chunk| {
+            let mut without = whole.clone();
+            without[chunk.start + 60] ^= 0xff;
+            let (folder, path) = in_file(&without);
+            FRAMES - recover(&path, &folder.path().join("out")).unwrap().frames
+        })
+        .collect();
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    for case in 0..200 {
+        let mut bytes = whole.clone();
+        let at = rng.random_range(chunks[1].start..data_end);
+        let length = if case % 2 == 0 { 1 } else { 1 << rng.random_range(0..14) };
+        let damaged = at..(at + length).min(data_end);
+        match length {
+            1 => bytes[at] ^= 1 << rng.random_range(0..8),
+            _ => bytes[damaged.clone()].iter_mut().for_each(|byte| *byte = rng.random()),
+        }
+        let touches = |chunk: &std::ops::Range<usize>| chunk.start < damaged.end && damaged.start < chunk.end;
+        // What indexes a chunk follows it.
+        let lost: u64 =
+            chunks[1..].iter().zip(&of_chunk).filter(|(chunk, _)| touches(chunk)).map(|(_, frames)| frames).sum();
+        let (folder, path) = in_file(&bytes);
+        let recovered = recover(&path, &folder.path().join("out")).unwrap();
+        assert!(recovered.frames >= FRAMES - lost, "case {case}, {damaged:?}: {} of {lost}", FRAMES - recovered.frames);
+        assert!(recovered.frames == FRAMES || !recovered.was_whole, "case {case}: {recovered:?}");
+    }
+}
+
 #[test]
 fn what_is_no_recording_is_refused() {
     let (folder, path) = in_file(b"sequence,measured_s\n");

@@ -4,7 +4,7 @@
 //! the file marks the truncation. Files that were joined are read one after the other, truncated ones too. No stated
 //! length causes an allocation larger than the file.
 
-use crate::recording::source::{PREFIX_BYTES, Source};
+use crate::recording::source::{Next, PREFIX_BYTES, Source};
 use dermis::text::counted;
 use mcap::MAGIC;
 use mcap::records::{AttachmentHeader, Channel, Header, MessageHeader, Metadata, SchemaHeader, op};
@@ -52,6 +52,9 @@ pub(super) enum End {
 const LONGEST_RECORD: u64 = 256 << 20;
 /// Why the end of a recording was skipped that another one was joined to.
 const UNFINISHED: &str = "a recording ends here unfinished, and another one begins";
+
+/// Why bytes were skipped up to the next chunk.
+const DAMAGED: &str = "a record is damaged; reading goes on with the next chunk";
 
 /// A reader of the records of a file.
 pub(super) struct Walk<R> {
@@ -162,6 +165,13 @@ impl<R: Read> Walk<R> {
             self.source.put_back(prefix);
             return self.rest_of_recording();
         }
+        // After a record whose own length is damaged no other follows.
+        let is_doubtful = matches!(chunk, Some(Err(_))) || !(op::HEADER..=op::DATA_END).contains(&kind);
+        if is_doubtful && !self.summary && !self.source.continues()? {
+            self.source.put_back(body);
+            self.source.put_back(prefix);
+            return self.rest_of_recording();
+        }
         self.record(kind, &body, chunk, start)
     }
 
@@ -201,9 +211,9 @@ impl<R: Read> Walk<R> {
             return Ok(None);
         }
         let at = if is_whole { self.source.at() } else { start };
-        let skipped = self.source.skip_to_start(0)?;
+        let skipped = self.source.skip_to_start(0, false)?;
         let bytes = skipped.bytes + if is_whole { 0 } else { self.source.at() - skipped.bytes - start };
-        if !skipped.found {
+        if skipped.found.is_none() {
             self.end = Some(End::Cut { at, bytes });
             return Ok(None);
         }
@@ -212,22 +222,28 @@ impl<R: Read> Walk<R> {
         Ok((bytes > 0 || !is_whole).then(|| Item::Damaged { at, bytes, why: why.into() }))
     }
 
-    /// Skips the truncated end of a recording, up to the start of another one or to the end of the file. The records in
-    /// the chunk where it was truncated are read. Their checksum cannot be verified; the records that a killed program
+    /// Skips the truncated end of a recording or a damaged record, up to the next chunk, the start of another recording or the end
+    /// of the file. The records in the chunk where it was truncated are read. Their checksum cannot be verified; the records that a killed program
     /// had written are valid.
     fn rest_of_recording(&mut self) -> std::io::Result<Option<Item>> {
         let at = self.source.at();
         let is_chunk = self.source.next_byte()? == Some(op::CHUNK) && !self.summary;
-        let skipped = self.source.skip_to_start(if is_chunk { LONGEST_RECORD } else { 0 })?;
+        let skipped = self.source.skip_to_start(if is_chunk { LONGEST_RECORD } else { 0 }, !self.summary)?;
         if is_chunk && let Some((header, records)) = skipped.first.get(PREFIX_BYTES..).and_then(chunk_header) {
             self.chunk = unpacked(&header, records).0;
         }
-        if !skipped.found {
-            self.end = Some(End::Cut { at, bytes: skipped.bytes });
-            return Ok(None);
-        }
-        self.begin_another()?;
-        Ok(Some(Item::Damaged { at, bytes: skipped.bytes, why: UNFINISHED.into() }))
+        let why = match skipped.found {
+            None => {
+                self.end = Some(End::Cut { at, bytes: skipped.bytes });
+                return Ok(None);
+            }
+            Some(Next::Chunk) => DAMAGED,
+            Some(Next::Recording) => {
+                self.begin_another()?;
+                UNFINISHED
+            }
+        };
+        Ok(Some(Item::Damaged { at, bytes: skipped.bytes, why: why.into() }))
     }
 
     /// Begins to read a recording that was joined to the last one.
