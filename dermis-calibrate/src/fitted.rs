@@ -6,8 +6,10 @@ use crate::error::CalibrateError;
 use crate::strength::UnusedForces;
 use dermis::design::SkinDesign;
 use dermis::frame::Frame;
+use dermis::geom::vector::distance;
 use dermis::method::{MethodOptions, Methods};
 use dermis::skin::Skin;
+use serde::Serialize;
 use std::path::Path;
 
 /// A calibration of either kind.
@@ -17,6 +19,38 @@ pub enum Fitted {
     ForwardMap(Box<Calibration>),
     /// The correction of a method.
     Correction(Box<Correction>),
+}
+
+/// What a calibration has to be better than.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Alternatives {
+    /// Mean distance of the labels from the one of them that is nearest to all others: the error of a guess, m.
+    pub guess_m: f64,
+    /// A method without calibration, and its mean error at the labels, where it finds all of them, m.
+    pub uncalibrated: Option<(String, f64)>,
+}
+
+/// A calibration whose cross-validated error is more than this part of that of a guess has learned nothing of use.
+const USELESS: f64 = 0.8;
+
+impl Alternatives {
+    /// Why a calibration with some mean error is of no use, if so.
+    pub fn reason(&self, mean_error_m: f64) -> Option<String> {
+        let mm = |length_m: f64| format!("{:.1} mm", 1e3 * length_m);
+        if mean_error_m > USELESS * self.guess_m {
+            return Some(format!(
+                "the calibration locates presses that it has not seen to {}; always guessing the same place gives {}",
+                mm(mean_error_m),
+                mm(self.guess_m)
+            ));
+        }
+        let (name, before_m) = self.uncalibrated.as_ref().filter(|(_, before_m)| *before_m < mean_error_m)?;
+        Some(format!(
+            "the calibration locates presses that it has not seen to {}; {name} without a calibration to {}",
+            mm(mean_error_m),
+            mm(*before_m)
+        ))
+    }
 }
 
 impl Fitted {
@@ -76,6 +110,50 @@ impl Fitted {
         };
         let CorrectionQuality { labels, found, mean_error_m, .. } = *correction.quality();
         Ok(Some(correction).filter(|_| found == labels && mean_error_m < map.mean_error_m))
+    }
+
+    /// The mean error of labels that it had not seen, m.
+    pub fn mean_error_m(&self) -> f64 {
+        match self {
+            Fitted::ForwardMap(map) => map.quality().mean_error_m,
+            Fitted::Correction(correction) => correction.quality().mean_error_m,
+        }
+    }
+
+    /// What a calibration by some labels has to be better than.
+    ///
+    /// # Errors
+    /// As [`Correction::fit`].
+    pub fn alternatives(
+        methods: &Methods,
+        skin: &Skin,
+        frames: &[Frame],
+        labels: &[Label],
+        frame: LabelFrame,
+    ) -> Result<Alternatives, CalibrateError> {
+        let surface = skin.design().body.surface();
+        let distance_m = |a: &Label, b: &Label| match frame {
+            LabelFrame::Skin => surface.distance_m(a.position_m, b.position_m),
+            LabelFrame::Robot => distance(a.position_m, b.position_m),
+        };
+        let mean_m = |one: &Label| {
+            labels.iter().map(|other| distance_m(one, other)).sum::<f64>() / (labels.len() as f64 - 1.0).max(1.0)
+        };
+        let guess_m = labels.iter().map(mean_m).fold(f64::INFINITY, f64::min);
+        let uncalibrated = match frame {
+            LabelFrame::Robot => None,
+            LabelFrame::Skin => {
+                let name = methods.unrefined_name(skin)?;
+                match correct(methods, skin, frames, labels, &name) {
+                    Err(CalibrateError::TooFewFound { .. }) => None,
+                    fitted => {
+                        let CorrectionQuality { labels, found, mean_error_before_m, .. } = *fitted?.quality();
+                        (found == labels).then_some((name, mean_error_before_m))
+                    }
+                }
+            }
+        };
+        Ok(Alternatives { guess_m, uncalibrated })
     }
 
     /// Writes it to a folder, which is created.

@@ -39,7 +39,7 @@ mod units;
 pub use calibration::{Calibration, FEWEST_LABELS, Label, LabelFrame, Quality};
 pub use correction::{Correction, CorrectionQuality};
 pub use error::CalibrateError;
-pub use fitted::Fitted;
+pub use fitted::{Alternatives, Fitted};
 pub use located::Located;
 pub use method::Calibrations;
 pub use places::Places;

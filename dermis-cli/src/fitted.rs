@@ -7,7 +7,7 @@ use dermis::frame::Frame;
 use dermis::method::MethodError;
 use dermis::skin::Skin;
 use dermis_calibrate::{
-    CalibrateError, Calibration, Correction, CorrectionQuality, Fitted, Label, LabelFrame, Quality,
+    Alternatives, CalibrateError, Calibration, Correction, CorrectionQuality, Fitted, Label, LabelFrame, Quality,
 };
 use dermis_plot::report::Table;
 use serde_json::json;
@@ -36,6 +36,12 @@ pub fn fit(
     })
 }
 
+/// What a calibration by some labels has to be better than.
+pub fn alternatives(skin: &Skin, frames: &[Frame], labels: &[Label], frame: LabelFrame) -> Outcome<Alternatives> {
+    let _waiting = Progress::waiting("comparing with no calibration");
+    Ok(Fitted::alternatives(&dermis_learn::methods(), skin, frames, labels, frame)?)
+}
+
 /// Its figures as JSON, SI units.
 pub fn to_json(fitted: &Fitted, design: &str, labels: &[Label]) -> serde_json::Value {
     let mut json = match fitted {
@@ -56,12 +62,18 @@ pub fn to_json(fitted: &Fitted, design: &str, labels: &[Label]) -> serde_json::V
     json
 }
 
-/// Its figures as a table.
-pub fn summary(fitted: &Fitted, labels: &[Label]) -> Table {
+/// Its figures as a table, beside what it has to be better than.
+pub fn summary(fitted: &Fitted, labels: &[Label], alternatives: Option<&Alternatives>) -> Table {
     let mut table = match fitted {
         Fitted::ForwardMap(map) => map_summary(map),
         Fitted::Correction(correction) => correction_summary(correction),
     };
+    if let Some(Alternatives { guess_m, uncalibrated }) = alternatives {
+        if let Some((name, before_m)) = uncalibrated.as_ref().filter(|_| matches!(fitted, Fitted::ForwardMap(_))) {
+            table.pair(&format!("the same of {name}, uncalibrated"), format!("{:.2} mm", 1e3 * before_m));
+        }
+        table.pair("the same of a guess of one place", format!("{:.2} mm", 1e3 * guess_m));
+    }
     if let Some(reason) = unused_forces(fitted, labels) {
         table.pair("forces", format!("not used: {reason}"));
     }

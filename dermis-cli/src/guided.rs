@@ -404,7 +404,7 @@ impl Guided {
             }));
         }
         if let Some(correction) = correction {
-            print(&format!("{}\n", fitted::summary(&Fitted::Correction(Box::new(correction)), &[]).to_text()))?;
+            print(&format!("{}\n", fitted::summary(&Fitted::Correction(Box::new(correction)), &[], None).to_text()))?;
         }
         let path = folder.display();
         match quality {

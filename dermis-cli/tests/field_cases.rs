@@ -91,6 +91,59 @@ fn frames_of_another_size_than_their_baseline_are_refused() {
 }
 
 #[test]
+fn a_finger_that_slides_is_not_late() {
+    let Some(at) = case("03-sliding-touch-late-false-alarm") else { return };
+    for (frames, baseline) in [("circle_f.csv", "base.csv"), ("circle_50.csv", "base_50.csv")] {
+        let (code, text) = said(&at, &format!("check-frames disk.toml --frames {frames} --baseline {baseline}"));
+        assert!(code == Some(0) && !text.contains("late"), "{frames}: {text}");
+    }
+}
+
+#[test]
+fn noise_has_no_order() {
+    let Some(at) = case("04-order-from-noise") else { return };
+    for input in ["noise.csv --difference", "rand_3.csv --difference --truth rand_true.csv"] {
+        let (_, text) = said(&at, &format!("check-frames disk.toml --frames {input}"));
+        assert!(!text.contains("order"), "{input}: {text}");
+    }
+}
+
+#[test]
+fn labels_of_other_frames_give_no_calibration() {
+    let Some(at) = case("08-calibrate-useless-no-warning") else { return };
+    let command = "calibrate taros32.toml --frames diff.csv --difference --truth xy.csv --labels 0..60 -o cal";
+    let (code, text) = said(&at, command);
+    assert!(code == Some(2) && text.contains("always guessing the same place"), "{code:?}: {text}");
+    assert!(!at.path("cal").exists());
+    let (code, text) = said(&at, &format!("{command} --force"));
+    assert!(code == Some(0) && text.contains("warning"), "{code:?}: {text}");
+}
+
+#[test]
+fn channels_at_driven_electrodes_are_no_faults() {
+    let Some(at) = case("11-driven-pair-channels-order") else { return };
+    let (_, text) = said(&at, "check-frames iirc256.toml --frames iirc_rot_real.csv --baseline iirc_ref_real.csv");
+    assert!(!text.contains("order") && !text.contains("late"), "{text}");
+}
+
+#[test]
+fn a_disconnected_electrode_is_named() {
+    let Some(at) = case("15-dead-electrode-not-named") else { return };
+    let (_, text) = said(&at, "check-frames disk.toml --frames dead_f.csv --baseline dead_b.csv");
+    assert!(text.contains("open_electrode, electrode 5") && !text.contains("sign_turned"), "{text}");
+}
+
+#[test]
+fn one_damaged_bit_costs_one_chunk() {
+    let Some(at) = case("live-07-recover-one-bit") else { return };
+    let (code, text) = said(&at, "recover one-bit.mcap -o r.mcap");
+    let frames: u64 = text.split(' ').nth(1).and_then(|number| number.parse().ok()).expect("a number of frames");
+    assert!(code == Some(2) && frames >= 765 && text.contains("1 damaged part lost"), "{code:?}: {text}");
+    let (code, text) = said(&at, "replay one-bit.mcap --summary");
+    assert!(code == Some(2) && text.contains(&format!("{frames} frames")), "{code:?}: {text}");
+}
+
+#[test]
 fn normalised_differences_are_free_of_gains_and_units() {
     let Some(at) = case("16-normalised-not-normalised") else { return };
     let scored = |input: &str| {

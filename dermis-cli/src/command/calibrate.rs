@@ -60,7 +60,7 @@ pub struct Arguments {
     /// Folder to write: the method for --method.
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
-    /// Go on with frames that do not fit their baseline.
+    /// Go on with frames that do not fit their baseline, and write a calibration that is worse than none.
     #[arg(long)]
     force: bool,
     /// Print JSON (SI units) instead of a table.
@@ -95,17 +95,27 @@ impl Arguments {
         let last = labels.last().map_or(0, |label| label.row);
         let used = if self.unlabelled { &frames[..] } else { &frames[..=last] };
         let fitted = fitted::fit(&skin, used, &labels, presses.frame(), method)?;
+        let alternatives = fitted::alternatives(&skin, used, &labels, presses.frame())?;
+        if let Some(reason) = alternatives.reason(fitted.mean_error_m()) {
+            let fix = "check that the labels belong to the frames, their rows, units and axes (dermis check-frames --truth), or \
+                       label more presses";
+            if !self.force {
+                return Err(Failure::given(reason, Some(&format!("{fix}; --force writes it all the same"))));
+            }
+            warn(&format!("{reason}; {fix}"));
+        }
         let outlook = self.outlook(&skin, used, &labels, presses.frame(), &fitted)?;
         fitted.save(&self.output, skin.design())?;
         if self.json {
             let mut json = fitted::to_json(&fitted, &skin.design().name, &labels);
             json["outlook"] = serde_json::json!(outlook);
+            json["alternatives"] = serde_json::json!(alternatives);
             return print_json(&json);
         }
         let outlook = outlook.map_or(String::new(), |outlook| outlook.to_text());
         print(&format!(
             "{}\n{outlook}written to {}\n",
-            fitted::summary(&fitted, &labels).to_text(),
+            fitted::summary(&fitted, &labels, Some(&alternatives)).to_text(),
             self.output.display()
         ))
     }
