@@ -28,9 +28,9 @@ const WEAK: (f64, f64) = (0.05, 2.0);
 
 /// A channel that shares its lag with less than this part of the channels of its drive, or with fewer than two others ...
 const FEW: f64 = 0.25;
-/// ... must be explained by this part at that lag, which leaves unexplained at most this part of what lag 0 leaves:
-/// presses next to each other look alike, too.
-const ALONE: (f64, f64) = (0.3, 0.6);
+/// ... must be explained by this part at that lag, which leaves unexplained at most this part of what lag 0 leaves and explains
+/// this much more: presses next to each other look alike, too.
+const ALONE: (f64, f64, f64) = (0.3, 0.6, 0.25);
 
 /// How well the other channels of each row predict one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -140,7 +140,8 @@ fn decide(evidence: &[Evidence], weak: f64) -> Vec<i32> {
     let agreed = |(one, &lag): (&Evidence, &i32)| {
         let few = others(lag) < 2 || ((others(lag) + 1) as f64) < FEW * own.len() as f64;
         let alone = lag != 0 && few;
-        if alone && (one.best < ALONE.0 || one.own_lag(ALONE.1) != lag) { 0 } else { lag }
+        let is_clear = one.best >= ALONE.0 && one.own_lag(ALONE.1) == lag && one.best - one.at_zero.max(0.0) > ALONE.2;
+        if alone && !is_clear { 0 } else { lag }
     };
     let own: Vec<i32> = evidence.iter().zip(&own).map(agreed).collect();
     let mut votes: BTreeMap<i32, usize> = BTreeMap::new();

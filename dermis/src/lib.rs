@@ -25,7 +25,6 @@ pub mod design;
 pub mod frame;
 // Layer 3
 pub mod mesh;
-pub mod plausibility;
 // Layer 4
 pub mod fem;
 pub mod image;
@@ -45,6 +44,7 @@ pub mod reconstruct;
 pub mod skin;
 // Layer 10
 pub mod method;
+pub mod plausibility;
 // Layer 11
 pub mod pipeline;
 

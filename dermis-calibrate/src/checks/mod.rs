@@ -58,6 +58,9 @@ use signs::TouchFit;
 /// Fewest rows whose correlations are compared with the model.
 const FEWEST_ROWS: usize = 40;
 
+/// Fewer channels at driven electrodes are not late by themselves.
+const FEWEST_LATE: usize = 3;
+
 /// A recording to check, in the order of recording.
 #[derive(Debug, Clone, Copy)]
 pub struct Recording<'a> {
@@ -134,6 +137,7 @@ pub fn check_recording(skin: &Skin, recording: &Recording<'_>) -> Result<Checked
     let designed = Order::of_design(&check.protocol);
     // Late and dead channels would look exchanged: they are found first, in the order of the file.
     let mut evidence = check.late(&check.differences.clone(), &designed);
+    check.open_electrodes();
     let order = check.order(comparable);
     let mended = check.mended(&order);
     if !order.changes.is_empty() {
@@ -208,6 +212,8 @@ struct Check<'a> {
     constant: Vec<usize>,
     /// Those that use an electrode without connection.
     of_open: Vec<usize>,
+    /// Channels of the design at a driven electrode, which tell of its contact and are not judged one by one.
+    driven: Vec<bool>,
     dead: Vec<usize>,
     left_out: Vec<usize>,
     lags: Vec<i32>,
@@ -225,13 +231,6 @@ impl<'a> Check<'a> {
         };
         let columns = values::columns(recording.frames);
         let constant = values::constant_channels(&columns);
-        let protocol = &skin.design().protocol;
-        let broken = broken_channels(recording.untouched);
-        let open =
-            disconnected_electrodes(protocol, |channel| !broken.contains(&channel) && !constant.contains(&channel));
-        let of_open: Vec<usize> =
-            (0..columns.len()).filter(|&channel| open.iter().any(|&e| protocol.channels()[channel].uses(e))).collect();
-        let findings = open.into_iter().map(describe::open).collect();
         Ok(Check {
             recording,
             body: skin.design().body.clone(),
@@ -241,12 +240,13 @@ impl<'a> Check<'a> {
             untouched: untouched.map(|frame| frame.0),
             differences,
             columns,
-            dead: [constant.clone(), of_open.clone()].concat(),
+            dead: constant.clone(),
             constant,
-            of_open,
+            of_open: Vec::new(),
+            driven: order::driven(&skin.design().protocol),
             left_out: Vec::new(),
             lags: Vec::new(),
-            findings,
+            findings: Vec::new(),
         })
     }
 
@@ -348,12 +348,32 @@ impl<'a> Check<'a> {
         self.differences.iter().map(|frame| Frame(order.apply(frame))).collect()
     }
 
+    /// Electrodes without connection: the values of their drives are dead, or scatter far more than others.
+    fn open_electrodes(&mut self) {
+        let broken = broken_channels(self.recording.untouched);
+        let is_usable = |channel: usize| !self.dead.contains(&channel) && !broken.contains(&channel);
+        let open = disconnected_electrodes(&self.protocol, is_usable);
+        let channels = self.protocol.channels();
+        let uses = |channel: &usize| open.iter().any(|&electrode| channels[*channel].uses(electrode));
+        self.of_open = (0..channels.len()).filter(uses).collect();
+        self.dead.extend(&self.of_open);
+        self.dead.sort_unstable();
+        self.dead.dedup();
+        self.findings.extend(open.into_iter().map(describe::open));
+    }
+
     /// Late channels, and channels that are noise.
     fn late(&mut self, mended: &[Frame], order: &Order) -> LagEvidence {
         let mut evidence = lag_evidence(&to_rows(&in_robust_units(mended)), &self.protocol);
         let dead_in_design: Vec<usize> =
             (0..order.columns.len()).filter(|c| self.dead.contains(&order.columns[*c])).collect();
         dead_in_design.iter().for_each(|&channel| evidence.lags[channel] = 0);
+        for lag in LAGS.filter(|lag| *lag != 0) {
+            let late: Vec<usize> = (0..evidence.lags.len()).filter(|&channel| evidence.lags[channel] == lag).collect();
+            if late.len() < FEWEST_LATE {
+                late.iter().filter(|&&channel| self.driven[channel]).for_each(|&channel| evidence.lags[channel] = 0);
+            }
+        }
         self.lags = vec![0; order.columns.len()];
         order.columns.iter().zip(&evidence.lags).for_each(|(&column, &lag)| self.lags[column] = lag);
         self.figures.lags = LAGS.collect();
@@ -362,7 +382,7 @@ impl<'a> Check<'a> {
             self.figures.lag_explained[*column] = explained.clone();
         }
         let noise = describe::noise_only(&evidence, mended, &self.model);
-        let noise = noise.into_iter().map(|channel| order.columns[channel]);
+        let noise = noise.into_iter().filter(|&channel| !self.driven[channel]).map(|channel| order.columns[channel]);
         self.dead = noise.chain(self.constant.clone()).chain(self.of_open.clone()).collect();
         self.dead.sort_unstable();
         self.dead.dedup();
@@ -432,7 +452,7 @@ impl<'a> Check<'a> {
             }
             None => (Vec::new(), 0.0),
         };
-        channels.retain(|channel| !dead.contains(channel));
+        channels.retain(|channel| !dead.contains(channel) && !self.driven[*channel]);
         let unlike = self.findings.iter().any(|finding| finding.kind == FindingKind::UnlikeModel);
         if channels.is_empty() || unlike {
             return Vec::new();

@@ -26,6 +26,8 @@ const LEAST_GAIN: f64 = 0.05;
 const GAIN_RATIO: f64 = 1.12;
 /// ... and by this difference: of two orders of noise one always fits better.
 const GAIN_CHANGES: f64 = 0.05;
+/// ... and its cosine is at least this: among the many orders of noise one is always right by chance.
+const LEAST_CHANGES: f64 = 0.12;
 /// Exchanged drives: smallest gain of one exchange, as a part of the score.
 const LEAST_EXCHANGE: f64 = 0.02;
 
@@ -58,7 +60,7 @@ pub(crate) struct Matcher<'a> {
 }
 
 /// Channels at a driven electrode; none where there are hardly any others.
-fn driven(protocol: &Protocol) -> Vec<bool> {
+pub(crate) fn driven(protocol: &Protocol) -> Vec<bool> {
     let mut driven = vec![true; protocol.channel_count()];
     protocol.undriven().for_each(|channel| driven[channel] = false);
     let others = driven.iter().filter(|driven| !**driven).count();
@@ -168,7 +170,9 @@ impl<'a> Matcher<'a> {
             return true;
         }
         let is_possible = self.untouched.is_none() || new > old - EQUAL;
-        let gains = score.changes - than.changes > GAIN_CHANGES && score.changes > GAIN_RATIO * than.changes;
+        let gains = score.changes > LEAST_CHANGES
+            && score.changes - than.changes > GAIN_CHANGES
+            && score.changes > GAIN_RATIO * than.changes;
         is_possible && gains
     }
 

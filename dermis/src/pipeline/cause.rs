@@ -11,7 +11,7 @@ use crate::skin::Skin;
 const ENDED: f64 = 0.5;
 const DRIFT: f64 = 0.9;
 /// ... and this many times as much as a touch.
-const MORE: f64 = 2.0;
+const MORE: f64 = 1.5;
 /// Drift changes the whole skin: the pixels within this distance of the likeliest touch, m, of which so many are used, explain
 /// less than this part of it.
 const NEAR_M: f64 = 0.035;
@@ -140,8 +140,9 @@ mod tests {
                 pixels += 1;
                 ended += i32::from(judge(&|channel| -of(channel)) != Cause::Touch);
             }
-            // At a rim others explain it as well.
-            assert!(ended >= pixels - 1, "{name}: {ended} of {pixels}");
+            // At a rim others explain it as well, and without signs more of them do.
+            let least = if skin.design().protocol.amplitude_only() { 2 * pixels / 3 } else { pixels - 1 };
+            assert!(ended >= least, "{name}: {ended} of {pixels}");
             for part in [-0.1, 0.03, 0.1] {
                 let drifted = |channel: usize| part * linear.rest_frame[channel];
                 let Cause::Drift(drift) = judge(&drifted) else { panic!("{name}: drift") };
