@@ -15,7 +15,7 @@ fn assert_untouched(frames: &[PipelineFrame]) {
 #[test]
 fn a_press_on_an_electrode_that_comes_back_leaves_no_contact() {
     // Electrode 20 is at 240 mm, 0 degrees: while it is masked, no other channel sees a press there.
-    let press = stroke(2.0, 1.0, place(0.24, 0.0), None, 0.8);
+    let press = stroke(2.0, 1.0, place(0.24, 0.0), None, 0.3);
     let mut bench = Bench::faulty(lab(), 65, vec![press], Settings::default(), &["loose:20:1e6@1.2", "mend:20@2.2"]);
     let masked = until(&mut bench, 2.2);
     assert!(masked.iter().rev().take(20).all(|frame| frame.touched == Some(false)), "the press is hidden");
