@@ -120,6 +120,14 @@ fn labels_of_other_frames_give_no_calibration() {
 }
 
 #[test]
+fn positions_in_millimetres_are_not_aligned() {
+    let Some(at) = case("09-evaluate-align-mm") else { return };
+    let input = "--frames rand_f.csv --baseline base.csv --truth rand_mm_nohdr.csv --align 50";
+    let (code, text) = said(&at, &format!("evaluate disk.toml {input}"));
+    assert!(code == Some(2) && text.contains("give x, y and z in metres"), "{code:?}: {text}");
+}
+
+#[test]
 fn channels_at_driven_electrodes_are_no_faults() {
     let Some(at) = case("11-driven-pair-channels-order") else { return };
     let (_, text) = said(&at, "check-frames iirc256.toml --frames iirc_rot_real.csv --baseline iirc_ref_real.csv");

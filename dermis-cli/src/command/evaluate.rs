@@ -12,6 +12,7 @@ use crate::skin;
 use clap::Args;
 use dermis::contact::Contact;
 use dermis::frame::{Differences, Frame, Truth, frames_after_last_touch, read_truth};
+use dermis::geom::vector::{bounding_box, distance};
 use dermis::geom::{Point2, Point3};
 use dermis::skin::Skin;
 use dermis::text::counted;
@@ -145,6 +146,7 @@ impl Arguments {
 
     /// Determines the pose of the skin from the first presses and scores the others.
     fn align(&self, skin: &Skin, differences: &[Frame], presses: &[Point3], count: usize) -> Outcome {
+        self.check_size(skin, presses)?;
         let progress = Progress::waiting("reconstructing all presses with every candidate prior, alpha and cut");
         let estimates = self.method.press_estimates(skin, differences)?;
         if let Some(draws) = self.draws {
@@ -172,6 +174,21 @@ impl Arguments {
 }
 
 impl Arguments {
+    /// Refuses presses that are spread farther than the skin is large.
+    fn check_size(&self, skin: &Skin, presses: &[Point3]) -> Outcome {
+        let diagonal_m = |[low, high]: [Point3; 2]| distance(low, high);
+        let spread_m = diagonal_m(bounding_box(presses.iter().copied()));
+        let skin_m = diagonal_m(bounding_box(skin.mesh().nodes.iter().copied()));
+        if spread_m <= MOST_SPREAD * skin_m {
+            return Ok(());
+        }
+        let message = format!(
+            "{}: its positions are spread over {spread_m:.3} m, but the skin is {skin_m:.3} m large",
+            self.truth.display()
+        );
+        Err(Failure::given(message, Some("give x, y and z in metres")))
+    }
+
     fn print_draws(&self, count: usize, means_m: &[f64]) -> Outcome {
         let last = means_m.len() - 1;
         let median_m = 0.5 * (means_m[last / 2] + means_m[last - last / 2]);
@@ -187,6 +204,9 @@ impl Arguments {
         ))
     }
 }
+
+/// Presses are spread over at most this many times the size of the skin: its pose may be known roughly, not its scale.
+const MOST_SPREAD: f64 = 3.0;
 
 /// Numbers of rows, their frames and their touches.
 type Chosen = (Vec<usize>, Vec<Frame>, Vec<Vec<Contact>>);

@@ -208,7 +208,7 @@ impl Control {
             Request::Threshold { value } => {
                 if !(*value > 0.0 && *value <= 1e6) {
                     return Err(LiveError::Given(format!(
-                        "a threshold of {value}: it must be above 0 and at most 1e6"
+                        "a threshold of {value}: it must be from 1e-6 to 1e6"
                     )));
                 }
                 self.shared.command(Command::Threshold { value: *value });

@@ -60,7 +60,7 @@ pub struct Zone {
 
 /// The range of thresholds.
 fn is_threshold(value: f64) -> bool {
-    value > 0.0 && value <= 1e6
+    (1e-6..=1e6).contains(&value)
 }
 
 impl Settings {
@@ -70,7 +70,7 @@ impl Settings {
     /// A setting out of its range, with its value.
     pub fn check(&self, pixels: &PixelSpace) -> Result<(), PipelineError> {
         if !is_threshold(self.threshold) {
-            let message = format!("the threshold is {}: it must be above 0 and at most 1e6", self.threshold);
+            let message = format!("the threshold is {}: it must be from 1e-6 to 1e6", self.threshold);
             return Err(PipelineError::Setting(message));
         }
         if !(8..=100_000).contains(&self.tare_frames) {
@@ -114,7 +114,7 @@ impl Zone {
         let refused = |message: String| Err(PipelineError::Setting(format!("zone `{}` {message}", self.name)));
         let is_ball = self.centre_m.iter().all(|value| value.is_finite()) && self.radius_m > 0.0;
         if !is_ball || !is_threshold(self.threshold) {
-            let must = "must have a finite centre, a positive radius, and a threshold above 0 and at most 1e6";
+            let must = "must have a finite centre, a positive radius, and a threshold from 1e-6 to 1e6";
             return refused(must.into());
         }
         if !pixels.centres_m.iter().any(|&centre_m| self.contains(centre_m)) {
