@@ -19,9 +19,9 @@ const FEWEST_ROWS: usize = 60;
 /// A channel is late if the part of its variance that a lag leaves unexplained is smaller than that of lag 0 by this
 /// factor.
 const RATIO: f64 = 0.9;
-/// ... and if the lag explains this much more of it: where one row is much like the next, as while a finger slides, or a press is
-/// held, every lag explains nearly all.
-const LEAST_GAIN: f64 = 0.05;
+/// ... and if the lag explains more than lag 0 by this part of it: where one row is much like the next, as while a finger slides,
+/// or a press is held, every lag explains nearly all.
+const LEAST_GAIN: f64 = 0.1;
 /// A channel of which no lag explains more than this part of the variance, and this many standard deviations of what
 /// chance explains, `1 / sqrt(rows)`, follows the others of its drive.
 const WEAK: (f64, f64) = (0.05, 2.0);
@@ -115,7 +115,7 @@ impl Evidence {
     /// The best lag, if it leaves at most a part `ratio` of the variance unexplained that lag 0 leaves; else 0.
     fn own_lag(&self, ratio: f64) -> i32 {
         let at_zero = self.at_zero.max(0.0);
-        if 1.0 - self.best < ratio * (1.0 - at_zero) && self.best - at_zero > LEAST_GAIN { self.lag } else { 0 }
+        if 1.0 - self.best < ratio * (1.0 - at_zero) && self.best > (1.0 + LEAST_GAIN) * at_zero { self.lag } else { 0 }
     }
 
     /// The best of the lags, by what each explains.

@@ -75,7 +75,9 @@ impl GuidedArguments {
         let (address, emulator) = self.source.address(skin.design())?;
         let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin, None)?);
         let device = DeviceOptions { rate_hz: self.source.rate, difference, ..DeviceOptions::default() };
-        let live = Live::start(methods, LiveOptions { address, device, settings: Settings::default(), state: None })?;
+        // The skin may be unlike its model: that is what is to be found out.
+        let settings = Settings { force_tare: true, ..Settings::default() };
+        let live = Live::start(methods, LiveOptions { address, device, settings, state: None })?;
         let guide = Arc::new(Guide::default());
         let control =
             self.source.control(&live, emulator.clone(), RecordingLimits::default())?.with_guide(Arc::clone(&guide));

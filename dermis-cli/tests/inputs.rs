@@ -71,7 +71,7 @@ fn channels_are_weighted_by_their_noise() {
     assert!(at.refused(&format!("{run} --channel-noise zero.csv -o x.csv")).contains("channel 0 is 0"));
     // One untouched frame has the noise of its reciprocal channels.
     at.good(&format!("{run} --channel-noise measured -o measured.csv"));
-    let without = run.replace("--baseline rest.csv", "--difference");
+    let without = run.replace("--baseline rest.csv", "--difference --force");
     let measured = at.refused(&format!("{without} --channel-noise measured -o x.csv"));
     assert!(measured.contains("needs untouched frames"), "{measured}");
     let greit = at.refused(&format!("{} --channel-noise sd.csv -o x.csv", run.replace("laplace", "greit")));

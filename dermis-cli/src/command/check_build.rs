@@ -87,7 +87,9 @@ impl Arguments {
         let (address, emulator) = self.source.address(skin.design())?;
         let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin.clone(), None)?);
         let device = DeviceOptions { rate_hz: self.source.rate, ..DeviceOptions::default() };
-        let live = Live::start(methods, LiveOptions { address, device, settings: Settings::default(), state: None })?;
+        // The skin may be unlike its model: that is what is to be found out.
+        let settings = Settings { force_tare: true, ..Settings::default() };
+        let live = Live::start(methods, LiveOptions { address, device, settings, state: None })?;
         let read = self.read_frames(&live);
         let name = live.shared().facts().map(|facts| format!("{}, serial number {}", facts.name, facts.serial));
         let failure = live.take_failure();

@@ -169,9 +169,9 @@ impl Arguments {
         let zones = self.zone.clone();
         let method = self.method.clone().unwrap_or_default();
         let threshold = self.threshold.unwrap_or(1.0);
-        // A calibration knows the skin as it is.
+        // A calibration knows the skin as it is; differences from the untouched skin are noise in a tare.
         let is_calibration = is_path(&method) && Calibration::is_folder(Path::new(&method));
-        let force_tare = self.force || is_calibration || self.source.is_noise_free();
+        let force_tare = self.force || self.difference || is_calibration || self.source.is_noise_free();
         let both_signs = self.both_signs;
         let settings = Settings { method, threshold, zones, both_signs, force_tare, ..Settings::default() };
         let (rate_hz, difference, device_time) = (self.source.rate, self.difference, self.device_time);

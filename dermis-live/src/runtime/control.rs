@@ -206,10 +206,8 @@ impl Control {
         match request {
             Request::Tare {} => self.shared.command(Command::Tare),
             Request::Threshold { value } => {
-                if !(*value > 0.0 && *value <= 1e6) {
-                    return Err(LiveError::Given(format!(
-                        "a threshold of {value}: it must be from 1e-6 to 1e6"
-                    )));
+                if !(1e-6..=1e6).contains(value) {
+                    return Err(LiveError::Given(format!("a threshold of {value}: it must be from 1e-6 to 1e6")));
                 }
                 self.shared.command(Command::Threshold { value: *value });
             }

@@ -109,8 +109,10 @@ impl Pipeline {
         let felt =
             reading.touch_detector.update(signal.statistic) || outputs.is_some_and(|[touch, _]| by_filter(touch));
         reading.is_felt = felt;
+        // A skin that is unlike its model says nothing by it.
+        let is_modelled = !self.state.settings.force_tare;
         let may_have_ended = outputs.is_some_and(|[touch, end]| end > touch && by_filter(end));
-        if may_have_ended || felt && self.state.frames.is_multiple_of(JUDGED_FRAMES) {
+        if is_modelled && (may_have_ended || felt && self.state.frames.is_multiple_of(JUDGED_FRAMES)) {
             match self.cause(reading, signal)? {
                 Cause::Touch => reading.ended_judgements = 0,
                 Cause::Drift(drift_ohm) => return Ok(self.drifted(reading, signal, &drift_ohm, time)),

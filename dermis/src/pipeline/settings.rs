@@ -24,8 +24,8 @@ pub struct Settings {
     /// [sign](crate::contact::Contact::conductance). Linear methods only.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub both_signs: bool,
-    /// Whether a tare accepts frames that are unlike the model of the design, and frames that are all the same, as those of a
-    /// simulation without noise.
+    /// Whether a tare accepts frames that are unlike the model of the design, as differences from the untouched skin, and frames
+    /// that are all the same, as those of a simulation without noise. The end of a touch and drift are not told by the model then.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub force_tare: bool,
 }
