@@ -12,9 +12,9 @@ const ENDED: f64 = 0.5;
 const DRIFT: f64 = 0.9;
 /// ... and this many times as much as a touch.
 const MORE: f64 = 1.5;
-/// Drift changes the whole skin: the pixels within this distance of the likeliest touch, m, of which so many are used, explain
-/// less than this part of it.
-const NEAR_M: f64 = 0.035;
+/// Drift changes the whole skin: the pixels within this part of the electrodes' spacing of the likeliest touch, of which so many
+/// are used, explain less than this part of it.
+const NEAR: f64 = 0.6;
 const MOST_NEAR: usize = 40;
 const MOST_LOCAL: f64 = 0.8;
 /// Damping of the fits, relative.
@@ -63,8 +63,9 @@ pub(super) fn cause(
     if by_drift > DRIFT * all && by_drift > by_touch {
         // At an electrode a touch is much like a change of its contact, but the skin near it explains it, too.
         let (jacobian, pixels) = (&skin.linearised()?.jacobian, skin.pixels());
-        let is_near =
-            |pixel: &usize| pixels.surface.distance_m(pixels.centres_m[*pixel], pixels.centres_m[place]) <= NEAR_M;
+        let spacing_m = (pixels.areas.iter().sum::<f64>() / skin.design().electrodes.len() as f64).sqrt();
+        let distance_m = |pixel: usize| pixels.surface.distance_m(pixels.centres_m[pixel], pixels.centres_m[place]);
+        let is_near = |pixel: &usize| distance_m(*pixel) <= NEAR * spacing_m;
         let near: Vec<usize> = (0..pixels.len()).filter(is_near).collect();
         let near: Vec<usize> = near.iter().copied().step_by(near.len().div_ceil(MOST_NEAR).max(1)).collect();
         let (by_near, _) = explained(&|index, channel| jacobian.at(channel, near[index]), near.len());
