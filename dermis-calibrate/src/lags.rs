@@ -19,9 +19,6 @@ const FEWEST_ROWS: usize = 60;
 /// A channel is late if the part of its variance that a lag leaves unexplained is smaller than that of lag 0 by this
 /// factor.
 const RATIO: f64 = 0.9;
-/// ... and if the lag explains more than lag 0 by this part of it: where one row is much like the next, as while a finger slides,
-/// or a press is held, every lag explains nearly all.
-const LEAST_GAIN: f64 = 0.1;
 /// A channel of which no lag explains more than this part of the variance, and this many standard deviations of what
 /// chance explains, `1 / sqrt(rows)`, follows the others of its drive.
 const WEAK: (f64, f64) = (0.05, 2.0);
@@ -31,6 +28,9 @@ const FEW: f64 = 0.25;
 /// ... must be explained by this part at that lag, which leaves unexplained at most this part of what lag 0 leaves and explains
 /// this much more: presses next to each other look alike, too.
 const ALONE: (f64, f64, f64) = (0.3, 0.6, 0.25);
+/// So must every channel where rows are this much like the next ones (their correlation), as while a finger slides or a press is
+/// held: every lag explains nearly all there.
+const SMOOTH: f64 = 0.5;
 
 /// How well the other channels of each row predict one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,10 +75,11 @@ pub(crate) fn lag_evidence(values: &[Vec<f64>], protocol: &Protocol) -> LagEvide
         drives.entry([a.min(b), a.max(b)]).or_default().push(channel);
     }
     let covariance = covariance(values);
+    let is_smooth = correlation_of_rows(values) > SMOOTH;
     // Late channels are no good predictors: the second pass leaves them out.
-    let first = lags_without(values, &covariance, &drives, &[]);
+    let first = lags_without(values, &covariance, &drives, &[], is_smooth);
     let late: Vec<usize> = (0..channels).filter(|&channel| first.lags[channel] != 0).collect();
-    if late.is_empty() { first } else { lags_without(values, &covariance, &drives, &late) }
+    if late.is_empty() { first } else { lags_without(values, &covariance, &drives, &late, is_smooth) }
 }
 
 /// The evidence for all channels, without the use of some as predictors.
@@ -87,6 +88,7 @@ fn lags_without(
     covariance: &Mat<f64>,
     drives: &BTreeMap<[usize; 2], Vec<usize>>,
     late: &[usize],
+    is_smooth: bool,
 ) -> LagEvidence {
     let found: Vec<(&Vec<usize>, Vec<Vec<f64>>)> = drives
         .values()
@@ -102,7 +104,7 @@ fn lags_without(
     let mut evidence = LagEvidence { explained: vec![Vec::new(); channels], lags: vec![0; channels] };
     for (own, explained) in found {
         let each: Vec<Evidence> = explained.iter().map(|explained| Evidence::of(explained)).collect();
-        let lags = decide(&each, WEAK.0 + WEAK.1 / (values.len() as f64).sqrt());
+        let lags = decide(&each, WEAK.0 + WEAK.1 / (values.len() as f64).sqrt(), is_smooth);
         for ((&channel, explained), lag) in own.iter().zip(explained).zip(lags) {
             evidence.explained[channel] = explained;
             evidence.lags[channel] = lag;
@@ -114,8 +116,7 @@ fn lags_without(
 impl Evidence {
     /// The best lag, if it leaves at most a part `ratio` of the variance unexplained that lag 0 leaves; else 0.
     fn own_lag(&self, ratio: f64) -> i32 {
-        let at_zero = self.at_zero.max(0.0);
-        if 1.0 - self.best < ratio * (1.0 - at_zero) && self.best > (1.0 + LEAST_GAIN) * at_zero { self.lag } else { 0 }
+        if 1.0 - self.best < ratio * (1.0 - self.at_zero.max(0.0)) { self.lag } else { 0 }
     }
 
     /// The best of the lags, by what each explains.
@@ -133,13 +134,13 @@ impl Evidence {
 
 /// The lags of the channels of one drive: those of which no lag explains the part `weak` follow the majority of the
 /// others.
-fn decide(evidence: &[Evidence], weak: f64) -> Vec<i32> {
+fn decide(evidence: &[Evidence], weak: f64, is_smooth: bool) -> Vec<i32> {
     let is_strong = |one: &Evidence| one.best > weak;
     let own: Vec<i32> = evidence.iter().map(|one| if is_strong(one) { one.own_lag(RATIO) } else { 0 }).collect();
     let others = |lag: i32| own.iter().filter(|other| **other == lag).count() - 1;
     let agreed = |(one, &lag): (&Evidence, &i32)| {
         let few = others(lag) < 2 || ((others(lag) + 1) as f64) < FEW * own.len() as f64;
-        let alone = lag != 0 && few;
+        let alone = lag != 0 && (few || is_smooth);
         let is_clear = one.best >= ALONE.0 && one.own_lag(ALONE.1) == lag && one.best - one.at_zero.max(0.0) > ALONE.2;
         if alone && !is_clear { 0 } else { lag }
     };
@@ -153,6 +154,15 @@ fn decide(evidence: &[Evidence], weak: f64) -> Vec<i32> {
         votes.into_iter().max_by_key(|(_, count)| *count).filter(|(_, count)| 2 * count > strong && *count > 2);
     let majority = majority.map_or(0, |(lag, _)| lag);
     evidence.iter().zip(own).map(|(one, own)| if is_strong(one) { own } else { majority }).collect()
+}
+
+/// The correlation of rows with the next ones, over all channels.
+fn correlation_of_rows(values: &[Vec<f64>]) -> f64 {
+    let (rows, channels) = (values.len(), values[0].len());
+    let means: Vec<f64> = (0..channels).map(|j| values.iter().map(|row| row[j]).sum::<f64>() / rows as f64).collect();
+    let product = |a: &[f64], b: &[f64]| -> f64 { (0..channels).map(|j| (a[j] - means[j]) * (b[j] - means[j])).sum() };
+    let of_next: f64 = values.windows(2).map(|pair| product(&pair[0], &pair[1])).sum();
+    of_next / values.iter().map(|row| product(row, row)).sum::<f64>().max(f64::MIN_POSITIVE)
 }
 
 fn covariance(values: &[Vec<f64>]) -> Mat<f64> {
