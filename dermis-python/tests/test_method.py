@@ -60,3 +60,19 @@ def test_wrong_input_is_refused(skin):
         skin.method("best").contacts(frame, frame, both_signs=True)
     with pytest.raises(dermis.DermisError, match="alpha"):
         skin.method("noser", alpha=-1.0)
+
+
+def test_frames_of_another_skin_are_refused_as_by_the_program(skin):
+    method, frame = skin.method("noser"), skin.forward()
+    with pytest.raises(dermis.DermisError, match="whole frames"):
+        method.contacts(frame)
+    with pytest.raises(dermis.DermisError, match="signs turned"):
+        method.contacts(-frame, -frame)
+    with pytest.raises(dermis.DermisError, match="0.001 times"):
+        method.images(1e-3 * frame, frame)
+    with pytest.raises(dermis.DermisError, match="is 0"):
+        method.contacts(0 * frame, frame)
+    with pytest.warns(UserWarning, match="0.001 times"):
+        method.images(1e-3 * frame, frame, force=True)
+    with pytest.raises(dermis.DermisError, match="positions"):
+        skin.touched_conductivity([30.0, 20.0, 0.0])

@@ -218,6 +218,11 @@ impl<'a> Plausibility<'a> {
             let fix = "check that the instrument measures: its source, its gain, its cable";
             return Some(Finding::new(FindingKind::Dead, 0.0, evidence, fix));
         }
+        if let Some(&channel) = self.used.iter().find(|&&channel| !frame[channel].is_finite()) {
+            let evidence = format!("channel {channel} of the {what} is {}: it must be finite", frame[channel]);
+            let fix = "leave the channel or the frame out";
+            return Some(Finding::new(FindingKind::OutlierValue, f64::NAN, evidence, fix).at_channels(vec![channel]));
+        }
         let square: f64 = values().map(|value| value * value).sum();
         (!square.is_finite()).then(|| {
             let largest = values().map(f64::abs).fold(0.0, f64::max);
