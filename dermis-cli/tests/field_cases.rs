@@ -233,10 +233,9 @@ fn an_instrument_that_is_dead_or_frozen_is_never_ok() {
 fn a_touch_that_moves_is_no_noise() {
     let Some(at) = case("05-live-moving-touch-invalid-noise") else { return };
     for (design, rows) in [("disk.toml", "live_circ4.csv"), ("iirc.toml", "iirc_live_n.csv")] {
-        let (states, touched, _) = lived(&at, &format!("{design} --source csv:- --rate 20"), Some(&at.path(rows)));
-        // On a busy computer lines are left out: 99 of 239 and more frames are touched.
-        let (all, noisy) = (states.values().sum::<usize>(), states.get("invalid noise").copied().unwrap_or(0));
-        let touched_part = touched as f64 / (all - 100) as f64;
-        assert!(noisy <= 3 && touched_part > 0.5, "{design}: contacts in {touched} frames, {states:?}");
+        let (_, _, said) = lived(&at, &format!("{design} --source csv:- --rate 20"), Some(&at.path(rows)));
+        // Of the summary: a busy computer leaves lines out, not frames.
+        let count = said.lines().find_map(|line| line.strip_prefix("of them with contacts")?.trim().parse().ok());
+        assert!(count.is_some_and(|count: u64| count >= 90), "{design}: contacts in {count:?} of 99 frames\n{said}");
     }
 }
