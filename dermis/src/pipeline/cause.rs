@@ -12,11 +12,11 @@ const ENDED: f64 = 0.5;
 const DRIFT: f64 = 0.9;
 /// ... and this many times as much as a touch.
 const MORE: f64 = 1.5;
-/// Drift changes the whole skin: the pixels within this part of the electrodes' spacing of the likeliest touch, of which so many
-/// are used, explain less than this part of it.
+/// Drift changes the whole skin: it leaves at most this part of what the pixels within some part of the electrodes' spacing of the
+/// likeliest touch leave, of which so many are used.
+const LEFT: f64 = 0.25;
 const NEAR: f64 = 0.6;
 const MOST_NEAR: usize = 40;
-const MOST_LOCAL: f64 = 0.8;
 /// Damping of the fits, relative.
 const RIDGE: f64 = 1e-6;
 /// Places at which touches are tried, at most.
@@ -69,7 +69,7 @@ pub(super) fn cause(
         let near: Vec<usize> = (0..pixels.len()).filter(is_near).collect();
         let near: Vec<usize> = near.iter().copied().step_by(near.len().div_ceil(MOST_NEAR).max(1)).collect();
         let (by_near, _) = explained(&|index, channel| jacobian.at(channel, near[index]), near.len());
-        if by_near < MOST_LOCAL * all {
+        if all - by_drift < LEFT * (all - by_near) {
             let mut drift = vec![0.0; difference.len()];
             amounts.iter().enumerate().for_each(|(mode, amount)| add_scaled(&mut drift, *amount, modes.row(mode)));
             return Ok(Cause::Drift(drift));
@@ -144,10 +144,6 @@ mod tests {
             // At a rim others explain it as well, and without signs more of them do.
             let least = if skin.design().protocol.amplitude_only() { 2 * pixels / 3 } else { pixels - 1 };
             assert!(ended >= least, "{name}: {ended} of {pixels}");
-            // On a small skin without signs drift is not told from touches: it stays with the baseline's own drift fit.
-            if skin.design().protocol.amplitude_only() {
-                continue;
-            }
             for part in [-0.1, 0.03, 0.1] {
                 let drifted = |channel: usize| part * linear.rest_frame[channel];
                 let Cause::Drift(drift) = judge(&drifted) else { panic!("{name}: drift") };

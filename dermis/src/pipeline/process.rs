@@ -173,7 +173,7 @@ impl Pipeline {
             trials: TrialMeans::new(self.topology.channel_count()),
             masked_time: MaskedTime::default(),
             novelty: NoveltyMonitor::default(),
-            is_felt: false,
+            felt_since_s: None,
             ended_judgements: 0,
             quiet_since_s: None,
             unexplained_since_s: None,

@@ -25,7 +25,9 @@ use crate::track::Sighting;
 /// Maximum signal of a sighting that cannot start a contact.
 const NOT_TO_BEGIN: f64 = 0.99;
 
-/// Whether a touch is drift, is judged once in this many frames.
+/// Whether what lasts for longer than this is drift, s, ...
+const LONG_S: f64 = 10.0;
+/// ... is judged once in this many frames.
 const JUDGED_FRAMES: u64 = 6;
 /// After so many frames with the end of a touch the skin is tared again.
 const ENDED_JUDGEMENTS: u32 = 6;
@@ -104,18 +106,19 @@ impl Pipeline {
             self.judge_again(reading, since_s);
         }
         let outputs = self.filter.as_ref().map(|filter| filter.outputs(&signal.difference));
-        let was_felt = reading.is_felt;
+        let was_felt = reading.felt_since_s.is_some();
         let by_filter = |output: f64| self.filter.as_ref().is_some_and(|filter| filter.exceeds(output, was_felt));
         let felt =
             reading.touch_detector.update(signal.statistic) || outputs.is_some_and(|[touch, _]| by_filter(touch));
-        reading.is_felt = felt;
+        reading.felt_since_s = felt.then(|| reading.felt_since_s.unwrap_or(time.time_s));
+        let is_long = reading.felt_since_s.is_some_and(|since_s| time.time_s - since_s > LONG_S);
         // A skin that is unlike its model says nothing by it.
         let is_modelled = !self.state.settings.force_tare;
         let may_have_ended = outputs.is_some_and(|[touch, end]| end > touch && by_filter(end));
-        if is_modelled && (may_have_ended || felt && self.state.frames.is_multiple_of(JUDGED_FRAMES)) {
+        if is_modelled && (may_have_ended || is_long && self.state.frames.is_multiple_of(JUDGED_FRAMES)) {
             match self.cause(reading, signal)? {
-                Cause::Touch => reading.ended_judgements = 0,
-                Cause::Drift(drift_ohm) => return Ok(self.drifted(reading, signal, &drift_ohm, time)),
+                Cause::Drift(drift_ohm) if is_long => return Ok(self.drifted(reading, signal, &drift_ohm, time)),
+                Cause::Touch | Cause::Drift(_) => reading.ended_judgements = 0,
                 Cause::Ended => {
                     reading.ended_judgements += 1;
                     let tare_again = reading.ended_judgements >= ENDED_JUDGEMENTS;

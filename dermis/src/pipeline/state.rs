@@ -72,9 +72,9 @@ pub(super) struct Reading {
     /// Their mean, ohm; empty in older states.
     #[serde(default)]
     pub rest_ohm: Vec<f64>,
-    /// Whether the last frame was touched, by either test.
+    /// Since when the frames are touched, by either test, s.
     #[serde(default)]
-    pub is_felt: bool,
+    pub felt_since_s: Option<f64>,
     /// How often in a row the change was the end of a touch.
     #[serde(default)]
     pub ended_judgements: u32,
