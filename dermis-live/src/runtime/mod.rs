@@ -117,7 +117,7 @@ impl Live {
         let connection = Connection::open(&options.address, methods.skin(), options.device, None)?;
         let shared = LiveHandle::new(&pipeline);
         // Standard input may be a file, whose frames wait for each other.
-        let kind = if options.address == Address::Stdin { Input::Stream } else { Input::Device };
+        let kind = if options.address.is_patient() { Input::Stream } else { Input::Device };
         let thread = DeviceThread::new(Arc::clone(&shared), options.address, options.device);
         Ok(Self::with_threads(shared, pipeline, kind, move || thread.run(connection)))
     }
