@@ -144,6 +144,10 @@ mod tests {
             // At a rim others explain it as well, and without signs more of them do.
             let least = if skin.design().protocol.amplitude_only() { 2 * pixels / 3 } else { pixels - 1 };
             assert!(ended >= least, "{name}: {ended} of {pixels}");
+            // On a small skin without signs drift is not told from touches.
+            if skin.design().protocol.amplitude_only() {
+                continue;
+            }
             for part in [-0.1, 0.03, 0.1] {
                 let drifted = |channel: usize| part * linear.rest_frame[channel];
                 let Cause::Drift(drift) = judge(&drifted) else { panic!("{name}: drift") };
