@@ -266,14 +266,14 @@ impl Detector {
         // The table of forces is that of touches.
         let forces = self.options.forces.filter(|_| own.conductance == self.positive);
         let [force_n, force_sd_n] = forces.map_or([f64::NAN; 2], |forces| forces.of(own.strength));
+        let confidence = confidence(own.height, own.peak_sd, highest, sd_m, image.space.len());
         let contact = Contact {
             id: index as u64,
             strength: own.strength,
             area_m2: own.area_m2,
             force_sd_n,
             sd_m,
-            confidence: if self.is_doubtful { DOUBT } else { 1.0 }
-                * confidence(own.height, own.peak_sd, highest, sd_m, image.space.len()),
+            confidence: if self.is_doubtful { DOUBT * confidence } else { confidence },
             conductance: own.conductance,
             ..Contact::truth(own.place.0, own.place.1, force_n)
         };

@@ -1,6 +1,5 @@
 //! What a lasting change of the values is: a touch, the end of one that was there at the tare, or drift.
 
-use crate::design::TouchEffect;
 use crate::estimate::least_squares::{Equations, Normal};
 use crate::forward::Matrix;
 use crate::linalg::add_scaled;
@@ -85,10 +84,7 @@ pub(super) fn cause(
 /// does.
 fn touches(skin: &Skin, used: &[usize], values: &[f64], sd_ohm: &[f64]) -> crate::Result<[(f64, usize); 2]> {
     let jacobian = &skin.linearised()?.jacobian;
-    let sign = match skin.design().sheet.touch {
-        TouchEffect::ConductanceRises => 1.0,
-        TouchEffect::ConductanceFalls => -1.0,
-    };
+    let sign = skin.design().sheet.touch.sign();
     let places: Vec<usize> = (0..jacobian.columns).step_by(jacobian.columns.div_ceil(MOST_PLACES)).collect();
     let (mut products, mut squares) = (vec![0.0; places.len()], vec![0.0; places.len()]);
     for (&channel, value) in used.iter().zip(values) {
@@ -131,7 +127,7 @@ mod tests {
                 let noise = ChannelNoise { sd_ohm: &sd_ohm, masked: &masked };
                 cause(&skin, fitter.modes(), &difference, noise).unwrap()
             };
-            let sign = if skin.design().sheet.touch == TouchEffect::ConductanceRises { 1.0 } else { -1.0 };
+            let sign = skin.design().sheet.touch.sign();
             let (mut pixels, mut ended) = (0, 0);
             for pixel in (7..linear.jacobian.columns).step_by(linear.jacobian.columns / 12) {
                 let largest = (0..count).map(|c| linear.jacobian.at(c, pixel).abs()).fold(0.0, f64::max);

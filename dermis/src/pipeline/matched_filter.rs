@@ -1,6 +1,5 @@
 //! The most sensitive test for a small touch in the voltages.
 
-use crate::design::TouchEffect;
 use crate::estimate::whitening::Whitening;
 use crate::forward::Matrix;
 use crate::skin::Skin;
@@ -46,10 +45,7 @@ impl MatchedFilter {
     /// A skin whose forward problem cannot be solved.
     pub(super) fn new(skin: &Skin, modes: &Matrix, noise_ohm: &[f64], untouched: &[Vec<f64>]) -> crate::Result<Self> {
         let jacobian = &skin.linearised()?.jacobian;
-        let sign = match skin.design().sheet.touch {
-            TouchEffect::ConductanceRises => 1.0,
-            TouchEffect::ConductanceFalls => -1.0,
-        };
+        let sign = skin.design().sheet.touch.sign();
         let is_usable = |sd: &f64| sd.is_finite() && *sd > 0.0;
         let over_noise: Vec<f64> = noise_ohm.iter().map(|sd| if is_usable(sd) { 1.0 / sd } else { 0.0 }).collect();
         let scaled = |values: &mut dyn Iterator<Item = f64>| -> Vec<f64> {

@@ -1,7 +1,7 @@
 //! A method whose contacts are refined on the skin that its untouched frames identify.
 
 use crate::contact::Contact;
-use crate::design::{SkinDesign, TouchEffect};
+use crate::design::SkinDesign;
 use crate::detect::{DetectOptions, Forces};
 use crate::estimate::noise::ChannelNoise;
 use crate::estimate::scale;
@@ -174,10 +174,7 @@ impl Reconstruct for Refined {
     fn correct(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
         self.method.correct(difference, contacts);
         let Refinement::Prepared(refiner, factors) = &self.refinement else { return };
-        let sign = match self.design.sheet.touch {
-            TouchEffect::ConductanceRises => 1.0,
-            TouchEffect::ConductanceFalls => -1.0,
-        };
+        let sign = self.design.sheet.touch.sign();
         let of_model = difference.iter().zip(factors.iter()).map(|(value, factor)| sign * value * factor);
         refiner.refine(&of_model.collect::<Vec<f64>>(), contacts);
         if self.method.detection().forces.is_some() {
