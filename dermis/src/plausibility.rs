@@ -156,7 +156,7 @@ impl<'a> Plausibility<'a> {
         let is_whole = |difference: &&Frame| {
             self.agreement(difference, &self.model).abs() >= NAMED && {
                 let ratio = self.ratio(difference, &self.model);
-                (RATIOS[1][0]..=RATIOS[1][1]).contains(&ratio)
+                (RATIOS[0][0]..=RATIOS[0][1]).contains(&ratio)
             }
         };
         let whole = differences.iter().filter(is_whole).count();

@@ -37,17 +37,38 @@ impl Bench {
 
     /// The same with faults of the device.
     pub fn faulty(twin: TwinOptions, seed: u64, touches: Vec<Stroke>, settings: Settings, faults: &[&str]) -> Self {
-        let script = Script { repeat_s: None, touches };
-        let faults = faults.iter().map(|fault| fault.parse().unwrap()).collect();
-        let options = EmulatorOptions { twin, seed, script, faults, speed: 1.0, prerendered: 0, unpaced: true };
-        let mut bench = Bench(OfflineSession::new(options, Pipeline::new(methods(), settings).unwrap()).unwrap());
+        let mut bench = Self::before_the_tare(twin, seed, touches, settings, faults);
         (0..TARE).for_each(|_| drop(bench.frame()));
         bench
     }
 
+    /// The same before its tare.
+    pub fn before_the_tare(
+        twin: TwinOptions,
+        seed: u64,
+        touches: Vec<Stroke>,
+        settings: Settings,
+        faults: &[&str],
+    ) -> Self {
+        let script = Script { repeat_s: None, touches };
+        let faults = faults.iter().map(|fault| fault.parse().unwrap()).collect();
+        let options = EmulatorOptions { twin, seed, script, faults, speed: 1.0, prerendered: 0, unpaced: true };
+        Bench(OfflineSession::new(options, Pipeline::new(methods(), settings).unwrap()).unwrap())
+    }
+
     /// The next frame.
     pub fn frame(&mut self) -> PipelineFrame {
-        self.0.frame().unwrap().expect("every frame is new and whole")
+        self.changed(|_| ())
+    }
+
+    /// The next frame with other values, ohm.
+    pub fn changed(&mut self, change: impl FnOnce(&mut Vec<f64>)) -> PipelineFrame {
+        let index = self.next;
+        let packet = self.emulator.frame_packet(index).unwrap();
+        let mut incoming = self.receive(&packet, index).pop().expect("every frame is new and whole");
+        self.next += 1;
+        change(&mut incoming.input.measurement.values_ohm);
+        self.pipeline.process(incoming.input).unwrap()
     }
 }
 

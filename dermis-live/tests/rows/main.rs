@@ -3,10 +3,13 @@
 
 mod adapted;
 mod bench;
+mod drift;
 mod faults;
 mod gaps;
 mod harmed;
 mod meetings;
+mod slides;
+mod tares;
 mod zones;
 
 use bench::{Bench, along, lab, place, stroke, surface_distance};

@@ -7,7 +7,8 @@
 
 use crate::forward::Matrix;
 use crate::geom::{Point3, Surface};
-use crate::pipeline::drift::{DriftFitter, FitQuestion};
+use crate::linalg::add_scaled;
+use crate::pipeline::drift::{DriftFitter, FitQuestion, mode};
 use crate::pipeline::error::PipelineError;
 use serde::{Deserialize, Serialize};
 
@@ -180,7 +181,12 @@ impl Hold {
     /// The input of the fit at the time of the request.
     fn question(&self, noise: ChannelNoise<'_>) -> FitQuestion {
         let masked = self.masked.clone().unwrap_or_else(|| noise.masked.to_vec());
-        FitQuestion { positions_m: self.positions_m.clone(), sd_ohm: noise.sd_ohm.to_vec(), masked }
+        FitQuestion {
+            rest_ohm: self.initial_ohm.clone(),
+            positions_m: self.positions_m.clone(),
+            sd_ohm: noise.sd_ohm.to_vec(),
+            masked,
+        }
     }
 
     /// Updates the fitted drift with a frame.
@@ -207,11 +213,8 @@ impl Hold {
     /// Sets the baseline to its initial values plus the drift since then.
     fn add_drift(&self, modes: &Matrix, values_ohm: &mut [f64]) {
         values_ohm.copy_from_slice(&self.initial_ohm);
-        for (mode, (now, reference)) in self.now.iter().zip(&self.reference).enumerate() {
-            let change = now - reference;
-            for (value, mode) in values_ohm.iter_mut().zip(modes.row(mode)) {
-                *value += change * mode;
-            }
+        for (index, (now, reference)) in self.now.iter().zip(&self.reference).enumerate() {
+            add_scaled(values_ohm, now - reference, &mode(modes, index, &self.initial_ohm));
         }
     }
 }

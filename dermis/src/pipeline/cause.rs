@@ -6,11 +6,12 @@ use crate::linalg::add_scaled;
 use crate::pipeline::baseline::ChannelNoise;
 use crate::skin::Skin;
 
-/// A change of another kind explains at least this part of a difference, ...
-const ENDED: f64 = 0.5;
+/// The end of a touch explains at least this part of what noise does not explain of a difference, and this many times as much
+/// as a touch: a touch is wider than the pixel it is compared with, and the skin differs from its model.
+const ENDED: f64 = 0.25;
+const MORE: f64 = 3.0;
+/// Drift explains at least this part of a difference.
 const DRIFT: f64 = 0.9;
-/// ... and this many times as much as a touch.
-const MORE: f64 = 1.5;
 /// Drift changes the whole skin: it leaves at most this part of what the pixels within some part of the electrodes' spacing of the
 /// likeliest touch leave, of which so many are used.
 const LEFT: f64 = 0.25;
@@ -77,7 +78,8 @@ pub(super) fn cause(
             return Ok(Cause::Drift(drift));
         }
     }
-    if by_end > ENDED * all && by_end > MORE * by_touch {
+    // The noise of a value has a square of 1.
+    if by_end > ENDED * (all - used.len() as f64) && by_end > MORE * by_touch {
         return Ok(Cause::Ended);
     }
     Ok(Cause::Touch)
@@ -132,7 +134,8 @@ mod tests {
             };
             let sign = skin.design().sheet.touch.sign();
             // At the rim of a disk, between two electrodes, the end of a touch is much like a touch beside it.
-            let distance_m = |pixel: usize| skin.pixels().centres_m[pixel][..2].iter().fold(0.0_f64, |of, x| of.hypot(*x));
+            let distance_m =
+                |pixel: usize| skin.pixels().centres_m[pixel][..2].iter().fold(0.0_f64, |of, x| of.hypot(*x));
             let radius_m = (0..skin.pixels().len()).map(distance_m).fold(0.0, f64::max);
             let is_at_rim = |pixel: usize| name != "cylinder30" && distance_m(pixel) > 0.9 * radius_m;
             for pixel in (7..linear.jacobian.columns).step_by(linear.jacobian.columns / 12) {

@@ -6,6 +6,7 @@ use crate::geom::Point3;
 use crate::linalg::{Cholesky, dot, gram};
 use crate::pipeline::error::PipelineError;
 use crate::skin::Skin;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Pixels within this distance of a contact may be changed by it, m.
@@ -15,9 +16,29 @@ const TOUCH_SD: f64 = 0.5;
 /// The drift that is separated from a touch: of the sheet as a whole and along each axis, and of each contact.
 const SPREAD: DriftSpread = DriftSpread { sheet: 0.03, gradient: 0.03, contact: 0.5, contact_least_ohm: 0.5 };
 
+/// The mode of the sheet as a whole.
+const WHOLE: usize = 0;
+
+/// A drift mode of a skin whose untouched frame was measured, ohm. Drift of the whole sheet changes all measured values by the
+/// same part; how the skin differs from its model does not matter to it.
+pub(super) fn mode<'a>(modes: &'a Matrix, mode: usize, rest_ohm: &[f64]) -> Cow<'a, [f64]> {
+    match mode {
+        WHOLE => rest_ohm.iter().map(|value| -SPREAD.sheet * value).collect(),
+        _ => Cow::Borrowed(modes.row(mode)),
+    }
+}
+
+/// All these modes, modes x channels, ohm.
+pub(super) fn modes_of(modes: &Matrix, rest_ohm: &[f64]) -> Matrix {
+    let rows: Vec<Cow<'_, [f64]>> = (0..modes.rows).map(|row| mode(modes, row, rest_ohm)).collect();
+    Matrix { values: rows.concat(), ..*modes }
+}
+
 /// The input of a fit.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct FitQuestion {
+    /// The untouched frame, ohm.
+    pub rest_ohm: Vec<f64>,
     /// Positions of the contacts, m.
     pub positions_m: Vec<Point3>,
     /// Standard deviation of the noise of each channel, ohm.
@@ -68,7 +89,7 @@ impl DriftFitter {
         Ok(DriftFitter { skin, modes, requested: None, installed: None })
     }
 
-    /// The drift modes, modes x channels, ohm.
+    /// The drift modes of the model, modes x channels, ohm.
     pub(super) fn modes(&self) -> &Matrix {
         &self.modes
     }
@@ -105,8 +126,9 @@ impl DriftFitter {
 fn fit(
     skin: &Skin,
     modes: &Matrix,
-    FitQuestion { positions_m, sd_ohm, masked }: &FitQuestion,
+    FitQuestion { rest_ohm, positions_m, sd_ohm, masked }: &FitQuestion,
 ) -> crate::Result<Matrix> {
+    let modes = modes_of(modes, rest_ohm);
     let (jacobian, pixels) = (&skin.linearised()?.jacobian, skin.pixels());
     let is_touched = |pixel: &usize| {
         let centre_m = pixels.centres_m[*pixel];

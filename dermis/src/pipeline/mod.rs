@@ -88,7 +88,7 @@ use crate::detect::{Detector, ImageNoise};
 use crate::image::Image;
 use crate::method::{Method, MethodSet};
 use crate::pipeline::common_mode::CommonMode;
-use crate::pipeline::drift::DriftFitter;
+use crate::pipeline::drift::{DriftFitter, modes_of};
 use crate::pipeline::electrodes::ElectrodeTopology;
 use crate::pipeline::matched_filter::MatchedFilter;
 use crate::pipeline::reports::Reports;
@@ -333,8 +333,8 @@ impl Pipeline {
     fn prepare_filter(&mut self) -> Result<(), PipelineError> {
         let Phase::Reading(reading) = &self.state.phase else { return Ok(()) };
         let noise_ohm = reading.electrodes.noise_ohm();
-        self.filter =
-            Some(MatchedFilter::new(self.methods.skin(), self.fitter.modes(), noise_ohm, &reading.untouched)?);
+        let modes = modes_of(self.fitter.modes(), reading.baseline.values_ohm());
+        self.filter = Some(MatchedFilter::new(self.methods.skin(), &modes, noise_ohm, &reading.untouched)?);
         Ok(())
     }
 

@@ -8,6 +8,7 @@ use crate::pipeline::common_mode::CommonMode;
 use crate::pipeline::condition::PartMonitor;
 use crate::pipeline::contact::TrackedContact;
 use crate::pipeline::degradation::Degradation;
+use crate::pipeline::drift::modes_of;
 use crate::pipeline::electrodes::{Change, ContactFrame, ElectrodeTopology, NoiseFrame};
 use crate::pipeline::error::PipelineError;
 use crate::pipeline::frame::Measurement;
@@ -29,7 +30,7 @@ const NOT_TO_BEGIN: f64 = 0.99;
 const LONG_S: f64 = 10.0;
 /// ... is judged once in this many frames.
 const JUDGED_FRAMES: u64 = 6;
-/// After so many frames with the end of a touch the skin is tared again.
+/// After so many frames in a row with the end of a touch the skin is tared again.
 const ENDED_JUDGEMENTS: u32 = 6;
 
 /// The contacts of a frame.
@@ -115,6 +116,9 @@ impl Pipeline {
         // A skin that is unlike its model says nothing by it.
         let is_modelled = !self.state.settings.force_tare;
         let may_have_ended = outputs.is_some_and(|[touch, end]| end > touch && by_filter(end));
+        if !may_have_ended {
+            reading.ended_judgements = 0;
+        }
         if is_modelled && (may_have_ended || is_long && self.state.frames.is_multiple_of(JUDGED_FRAMES)) {
             match self.cause(reading, signal)? {
                 Cause::Drift(drift_ohm) if is_long => return Ok(self.drifted(reading, signal, &drift_ohm, time)),
@@ -144,7 +148,8 @@ impl Pipeline {
     /// What the difference of a touched frame is.
     fn cause(&self, reading: &Reading, signal: &Signal<'_>) -> Result<Cause, PipelineError> {
         let noise = ChannelNoise { sd_ohm: reading.electrodes.noise_ohm(), masked: &signal.masked };
-        Ok(cause(self.methods.skin(), self.fitter.modes(), &signal.difference, noise)?)
+        let modes = modes_of(self.fitter.modes(), reading.baseline.values_ohm());
+        Ok(cause(self.methods.skin(), &modes, &signal.difference, noise)?)
     }
 
     /// Takes drift without a touch into the baseline: there is no contact.

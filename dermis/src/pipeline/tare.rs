@@ -4,6 +4,7 @@ use crate::estimate::noise::{ChannelNoise, NoiseSource};
 use crate::finding::{Finding, FindingKind};
 use crate::forward::Matrix;
 use crate::frame::Frame;
+use crate::pipeline::drift::modes_of;
 use crate::pipeline::frame::Measurement;
 use crate::pipeline::matched_filter::MatchedFilter;
 use crate::pipeline::touch_detector::statistic;
@@ -87,7 +88,7 @@ pub(super) fn judge(
     if !is_forced && values.windows(2).all(|pair| pair[0] == pair[1]) {
         return Ok(Err((Refusal::Frozen, frames)));
     }
-    let moved = moved(&values, &median, skin, modes)?;
+    let moved = moved(&values, &median, skin, &modes_of(modes, &median))?;
     let count = moved.iter().filter(|moved| **moved).count();
     if count as f64 > MOST_MOVED * frames.len() as f64 {
         return Ok(Err((Refusal::Moving { frames: count, of: frames.len() }, frames)));

@@ -1,0 +1,66 @@
+//! Drift of all values under a touch of ten minutes.
+
+use crate::bench::{Bench, TARE, lab, place, stroke};
+use dermis::pipeline::Settings;
+
+/// Frames per second: the time matters, not the number of frames.
+const RATE_HZ: f64 = 10.0;
+/// The touch begins, ends, and is over, s.
+const TIMES_S: [f64; 3] = [20.0, 620.0, 625.0];
+/// The run ends, s.
+const END_S: f64 = 800.0;
+
+/// Frames with contacts more than 5 s after the touch, and all frames with its contact, of how many. All values grow by a part
+/// of themselves during the touch and stay so.
+fn run(method: &str, part: f64, seed: u64) -> [u32; 3] {
+    let mut twin = lab();
+    twin.electronics.frame_rate_hz = RATE_HZ;
+    let [from_s, to_s, over_s] = TIMES_S;
+    let theta_deg = 100.0 + 37.0 * seed as f64;
+    let touch = stroke(from_s, to_s - from_s, place(0.13, theta_deg), None, 3.9);
+    let settings = Settings { method: method.into(), ..Settings::default() };
+    let mut bench = Bench::new(twin, 620 + seed, vec![touch], settings);
+    assert_eq!(bench.next, TARE);
+    let (mut false_frames, mut held, mut of) = (0, 0, 0);
+    while bench.time_s() < END_S {
+        let time_s = bench.time_s();
+        let grown = 1.0 + part * ((time_s - from_s) / (to_s - from_s)).clamp(0.0, 1.0);
+        let frame = bench.changed(|values| values.iter_mut().for_each(|value| *value *= grown));
+        bench.rebuild();
+        false_frames += u32::from(time_s > over_s && !frame.contacts.is_empty());
+        if (from_s + 1.0..to_s).contains(&time_s) {
+            of += 1;
+            held += u32::from(frame.validity.is_usable() && frame.contacts.len() == 1);
+        }
+    }
+    [false_frames, held, of]
+}
+
+fn table(parts: &[f64], methods: &[&str], seeds: u64) {
+    for &part in parts {
+        for &method in methods {
+            let mut all = [0; 3];
+            for seed in 0..seeds {
+                run(method, part, seed).into_iter().zip(&mut all).for_each(|(count, all)| *all += count);
+            }
+            let [false_frames, held, of] = all;
+            println!(
+                "{method}, {:.0} %: {false_frames} frames with contacts later than 5 s after the touch; one contact in {held} \
+                 of {of} frames of the touch",
+                100.0 * part
+            );
+            assert_eq!(false_frames, 0, "{method}, {part}");
+        }
+    }
+}
+
+#[test]
+fn drift_under_a_touch_leaves_no_contact() {
+    table(&[0.1], &["noser"], 1);
+}
+
+#[test]
+#[ignore = "slow: 54 runs of 13 minutes of device time"]
+fn drift_of_all_sizes_under_a_touch_leaves_no_contact() {
+    table(&[0.0, 0.01, 0.02, 0.03, 0.05, 0.1, -0.03, -0.05, -0.1], &["refined", "best", "noser"], 2);
+}
