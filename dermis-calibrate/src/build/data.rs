@@ -10,6 +10,10 @@ use dermis::stats::rms;
 /// Error of the model and the instrument, relative to the root mean square of the values without a driven electrode.
 const RELATIVE_ERROR: f64 = 2e-3;
 
+/// Reciprocal values disagree by the converter's steps and noise: a disagreement of more than this part of the root mean square
+/// of the values is a fault.
+const MOST_DISAGREEMENT: f64 = 0.03;
+
 /// Difference of reciprocal values that errors of the currents may explain, relative, and how often their noise.
 const UNLIKE_SHARE: f64 = 5e-3;
 const UNLIKE_NOISE: f64 = 6.0;
@@ -48,11 +52,12 @@ impl Data {
         let noise = ChannelNoise::of(frames, protocol)?;
         // That of the mean; reciprocal channels also contain what the scatter does not, as the steps of the converter.
         let of_mean_ohm = noise.by_group_ohm().map(|sd| sd / (frames.len() as f64).sqrt() / scale);
-        let noise_ohm =
-            [0, 1].map(|group: usize| of_mean_ohm[group].max(disagreement(&twins, &values, &groups[group])));
         // A wrong value must not widen what is allowed for the others: the model gives the size of the frame.
         let part = if groups[0].is_empty() { &groups[1] } else { &groups[0] };
         let size = rms(part.iter().map(|&channel| model[channel]));
+        let noise_ohm = [0, 1].map(|group: usize| {
+            of_mean_ohm[group].max(disagreement(&twins, &values, &groups[group]).min(MOST_DISAGREEMENT * size))
+        });
         let sd = |(channel, value): (usize, &f64)| {
             let driven = protocol.channels()[channel].touches_driven();
             let own = if driven { DRIVEN_ERROR * value.abs().max(model[channel].abs()) } else { 0.0 };

@@ -5,6 +5,7 @@ use super::data::Data;
 use super::fault::{Fault, Network};
 use dermis::design::SkinDesign;
 use dermis::estimate::least_squares::{Control, End, Equations, LeastSquares, Normal, Steps, minimise};
+use dermis::estimate::scale::robust;
 use dermis::forward::{ForwardModel, Solver};
 use dermis::frame::Frame;
 use dermis::geom::Surface;
@@ -121,6 +122,17 @@ impl Model {
         model.typical_ohm = rms(drives.into_iter().map(pair));
         model.sound = model.rows(&network);
         Ok(model)
+    }
+
+    /// The contact impedance over that of the design, by the values with a driven electrode: these are linear in it. Single
+    /// wrong values do not matter.
+    pub(super) fn contact_factor(&self, data: &Data) -> f64 {
+        let [_, driven] = self.protocol.channels_by_drive();
+        let unknown = self.identifier.unknown_of_contacts();
+        let by_factor: Vec<f64> =
+            (0..self.sound.rows).map(|channel| self.sound.at(channel, unknown) / super::SCALE_SD).collect();
+        let change: Vec<f64> = data.values.iter().zip(&self.frame).map(|(value, own)| value - own).collect();
+        1.0 + robust(&change, &by_factor, driven)
     }
 
     /// The impedances from the values of all pairs.

@@ -38,6 +38,7 @@ use data::Data;
 use dermis::finding::{Finding, FindingKind, is_sound};
 use dermis::frame::{Frame, mean};
 use dermis::identify::IdentifyOptions;
+use dermis::plausibility::Plausibility;
 use dermis::skin::Skin;
 use fit::{Fit, Model};
 use serde::Serialize;
@@ -60,6 +61,16 @@ const CUT_ROUNDS: usize = 4;
 const MOST_FAULTS: usize = 4;
 /// The frame determines a contact impedance whose standard deviation is at most this share of its prior.
 const DETERMINED: f64 = 0.5;
+
+/// Standard deviations of what a builder varies: the logarithms of the sheet resistance and of the contact impedance, a factor of
+/// three; the radius of the electrodes and the body's length over its diameter, relative.
+const SCALE_SD: f64 = 1.098_6;
+const RADIUS_SD: f64 = 0.08;
+const LENGTH_SD: f64 = 0.007;
+/// Contact impedances that differ from the design's by more than this, in the logarithm, are taken from the frame before faults
+/// are looked for, within these factors.
+const OTHER_CONTACTS: f64 = 0.5;
+const CONTACT_FACTORS: [f64; 2] = [0.03, 30.0];
 
 /// What was found on a built skin.
 #[derive(Debug, Clone, Serialize)]
@@ -114,8 +125,12 @@ impl BuildChecker {
     /// # Errors
     /// A design without signs (`amplitude_only`), or that cannot be solved.
     pub fn new(skin: &Skin) -> Result<Self, CalibrateError> {
-        // Sheet resistance and contacts are known within a factor of three.
-        let options = IdentifyOptions { scale_sd: 3f64.ln(), ..IdentifyOptions::default() };
+        let options = IdentifyOptions {
+            scale_sd: SCALE_SD,
+            radius_sd: RADIUS_SD,
+            length_sd: LENGTH_SD,
+            ..IdentifyOptions::default()
+        };
         Ok(BuildChecker { model: Model::new(skin, options)?, skin: skin.clone() })
     }
 
@@ -125,6 +140,36 @@ impl BuildChecker {
     /// No frame; frames of another number of channels; values that are not finite.
     pub fn check(&self, frames: &[Frame]) -> Result<BuildCheck, CalibrateError> {
         let mean = mean_of(frames, self.model.protocol.channel_count())?;
+        let model = &self.model;
+        let designed = Frame(model.frame.clone());
+        let unlike = Plausibility::new(&model.protocol, &designed, &[]).of_baseline(&mean);
+        if let Some(found) = unlike.filter(|found| found.is_fault() && found.kind != FindingKind::UnlikeModel) {
+            return Ok(self.unlike(frames.len(), vec![found]));
+        }
+        match self.with_contacts_of(frames)? {
+            Some(checker) => checker.check_workmanship(frames, mean),
+            None => self.check_workmanship(frames, mean),
+        }
+    }
+
+    /// The checks of the design with the contact impedance of some frames, if that is another one: the frame is not linear in
+    /// it.
+    fn with_contacts_of(&self, frames: &[Frame]) -> Result<Option<BuildChecker>, CalibrateError> {
+        let model = &self.model;
+        let Some(data) = Data::new(&model.protocol, frames, &model.frame, &model.discretisation) else {
+            return Ok(None);
+        };
+        let factor = model.contact_factor(&data).clamp(CONTACT_FACTORS[0], CONTACT_FACTORS[1]);
+        if factor.is_nan() || factor.ln().abs() <= OTHER_CONTACTS {
+            return Ok(None);
+        }
+        let mut design = self.skin.design().clone();
+        design.electrodes.iter_mut().for_each(|electrode| electrode.contact_impedance *= factor);
+        Ok(Some(BuildChecker::new(&Skin::new(design)?)?))
+    }
+
+    /// Checks frames whose contacts are about those of the design.
+    fn check_workmanship(&self, frames: &[Frame], mean: Frame) -> Result<BuildCheck, CalibrateError> {
         let model = &self.model;
         let even = vec![0.0; model.identifier.unknown_count()];
         let data = Data::new(&model.protocol, frames, &model.frame, &model.discretisation);

@@ -5,9 +5,14 @@ use crate::forward::{ForwardError, ForwardModel};
 use crate::linalg::Matrix;
 
 impl Identifier {
-    /// Number of unknowns: scale, coating, common contact, contacts, displacements.
+    /// Number of unknowns: scale, coating, common contact, contacts, displacements, sizes.
     pub fn unknown_count(&self) -> usize {
         1 + self.basis.columns + 1 + self.model.contact_impedances().len() + self.displacements.len()
+    }
+
+    /// The unknown that is the common factor of all contact impedances.
+    pub fn unknown_of_contacts(&self) -> usize {
+        1 + self.basis.columns
     }
 
     /// The unknown that is the contact impedance of an electrode over the common factor of all.
@@ -26,9 +31,8 @@ impl Identifier {
     pub fn model_of(&self, x: &[f64]) -> Result<ForwardModel, ForwardError> {
         assert_eq!(x.len(), self.unknown_count(), "a value for each unknown");
         let mut state = self.unknowns(x);
-        for (by_m, displacement) in state.displaced_m.iter_mut().zip(&self.displacements) {
-            let most_m = MOST_SD * self.displacement_sd_m(displacement);
-            *by_m = by_m.clamp(-most_m, most_m);
+        for (by, displacement) in state.displaced.iter_mut().zip(&self.displacements) {
+            *by = by.clamp(-MOST_SD * displacement.sd, MOST_SD * displacement.sd);
         }
         self.model_at(&state)
     }
@@ -51,8 +55,10 @@ impl Identifier {
     /// The displacement of each electrode in the chart of the surface at some unknowns, m.
     pub fn displacements_m(&self, x: &[f64]) -> Vec<[f64; 2]> {
         let mut all = vec![[0.0; 2]; self.model.contact_impedances().len()];
-        for (displacement, by_m) in self.displacements.iter().zip(self.unknowns(x).displaced_m) {
-            (0..2).for_each(|axis| all[displacement.electrode][axis] += by_m * displacement.direction[axis]);
+        for (displacement, by_m) in self.displacements.iter().zip(self.unknowns(x).displaced) {
+            if let Some((electrode, direction)) = displacement.electrode {
+                (0..2).for_each(|axis| all[electrode][axis] += by_m * direction[axis]);
+            }
         }
         all
     }

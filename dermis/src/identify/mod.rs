@@ -56,6 +56,11 @@ pub struct IdentifyOptions {
     pub correlation_m: f64,
     /// Root mean square of the electrodes' displacements, m.
     pub displacement_m: f64,
+    /// Standard deviation of the radius of all electrodes, relative; 0 where it is that of the design.
+    pub radius_sd: f64,
+    /// Standard deviation of the length of a cylinder over its diameter, or of the width of a rectangle over its height,
+    /// relative; 0 where it is that of the design.
+    pub length_sd: f64,
     /// Standard deviation of the logarithm of a contact impedance about their mean.
     pub contact_sd: f64,
     /// Standard deviation of the logarithms of the mean conductance and of the mean contact impedance.
@@ -77,6 +82,8 @@ impl Default for IdentifyOptions {
             coating_sd: 0.15,
             correlation_m: 0.04,
             displacement_m: 7e-4,
+            radius_sd: 0.0,
+            length_sd: 0.0,
             contact_sd: 0.35,
             scale_sd: 0.7,
             relative_error: 1e-3,
@@ -157,7 +164,8 @@ pub struct Identifier {
 struct Unknowns {
     log_conductivity: Vec<f64>,
     log_contacts: Vec<f64>,
-    displaced_m: Vec<f64>,
+    /// In the unit of each displacement.
+    displaced: Vec<f64>,
 }
 
 impl Identifier {
@@ -178,7 +186,7 @@ impl Identifier {
             options,
             quantities: quantities(&design.protocol),
             basis,
-            displacements: displacements(design, model.mesh()),
+            displacements: displacements(design, model.mesh(), &options),
             discretisation_ohm: discretisation_ohm(design, model)?,
             model: model.clone(),
         })
@@ -213,18 +221,14 @@ impl Identifier {
         self.basis.product_into(&coating[1..], &mut log_conductivity);
         log_conductivity.iter_mut().for_each(|value| *value = scale_sd * coating[0] + coating_sd * *value);
         let log_contacts = contacts[1..].iter().map(|own| scale_sd * contacts[0] + contact_sd * own).collect();
-        let sd_m = self.displacements.iter().map(|one| self.displacement_sd_m(one));
-        Unknowns { log_conductivity, log_contacts, displaced_m: sd_m.zip(displaced).map(|(sd, x)| sd * x).collect() }
+        let displaced = self.displacements.iter().zip(displaced).map(|(one, x)| one.sd * x).collect();
+        Unknowns { log_conductivity, log_contacts, displaced }
     }
 
-    fn displacement_sd_m(&self, displacement: &Displacement) -> f64 {
-        self.options.displacement_m / (displacement.directions as f64).sqrt()
-    }
-
-    fn nodes_m(&self, displaced_m: &[f64]) -> Vec<Point3> {
+    fn nodes_m(&self, displaced: &[f64]) -> Vec<Point3> {
         let mut nodes_m = self.model.mesh().nodes.clone();
-        for (displacement, &by_m) in self.displacements.iter().zip(displaced_m) {
-            displacement.apply(&self.surface, by_m, &mut nodes_m);
+        for (displacement, &by) in self.displacements.iter().zip(displaced) {
+            displacement.apply(&self.surface, by, &mut nodes_m);
         }
         nodes_m
     }
@@ -235,7 +239,7 @@ impl Identifier {
         };
         let conductivity = times(self.model.rest_conductivity(), &state.log_conductivity);
         let contacts = times(self.model.contact_impedances(), &state.log_contacts);
-        self.model.with_parameters(&self.nodes_m(&state.displaced_m), &contacts, &conductivity)
+        self.model.with_parameters(&self.nodes_m(&state.displaced), &contacts, &conductivity)
     }
 
     /// The derivative of the weighted values with respect to the unknowns in standard deviations, values x unknowns.
@@ -289,7 +293,7 @@ impl Identifier {
         for (row, value) in data.values.iter().enumerate() {
             for (index, displacement) in self.displacements.iter().enumerate() {
                 let change = value.of(&|channel| by_m.at(channel, index));
-                *out.at_mut(row, first + index) = self.displacement_sd_m(displacement) * change / value.sd;
+                *out.at_mut(row, first + index) = displacement.sd * change / value.sd;
             }
         }
         Ok(())

@@ -1,9 +1,10 @@
-//! Displacements of electrodes as displacements of the mesh's nodes.
+//! Displacements and sizes of electrodes, and the body's, as displacements of the mesh's nodes.
 
 use crate::design::{Body, SkinDesign};
 use crate::forward::NodeVelocities;
 use crate::geom::vector::{scale, sub};
 use crate::geom::{Point3, Surface};
+use crate::identify::IdentifyOptions;
 use crate::mesh::{ElectrodePatch, Mesh};
 
 /// The nodes within this many radii of an electrode's centre move with it.
@@ -14,63 +15,80 @@ const REACH_RADII: f64 = 4.5;
 const REACH_SHARE: f64 = 0.45;
 /// An electrode whose centre is this close to the body's edge lies on it, m.
 const ON_EDGE_M: f64 = 1e-6;
-/// Step of the difference quotient of a displacement along the surface, m: its square over that of a radius is far below
-/// the error of the model.
-const STEP_M: f64 = 1e-4;
+/// Step of the difference quotient of a displacement along the surface, m, or relative: its square over that of a radius is
+/// far below the error of the model.
+const STEP: f64 = 1e-4;
 
-/// One possible displacement of one electrode.
+/// One way in which nodes may be displaced: one electrode in one direction (m), the radius of all electrodes or the body along
+/// one axis (relative).
 #[derive(Debug, Clone)]
 pub(super) struct Displacement {
-    /// The electrode.
-    pub electrode: usize,
-    /// Its direction in the surface's chart.
-    pub direction: [f64; 2],
-    /// Number of directions in which the electrode may be displaced.
-    pub directions: usize,
-    /// The nodes that move, with the fraction of the displacement.
-    nodes: Vec<(usize, f64)>,
+    /// The electrode and its direction in the surface's chart; `None` for a change of size.
+    pub electrode: Option<(usize, [f64; 2])>,
+    /// Standard deviation of its prior.
+    pub sd: f64,
+    /// The nodes that move, with their displacements in the surface's chart for a displacement by one unit.
+    nodes: Vec<(usize, [f64; 2])>,
 }
 
 impl Displacement {
-    /// The velocities of the nodes, m per m of displacement.
+    /// The velocities of the nodes, m per unit of displacement.
     pub(super) fn velocities(&self, surface: &Surface, nodes_m: &[Point3]) -> NodeVelocities {
-        let velocity = |&(node, part): &(usize, f64)| {
-            let at = |by_m: f64| surface.walk(nodes_m[node], self.direction.map(|axis| axis * by_m * part));
-            (node, scale(sub(at(STEP_M), at(-STEP_M)), 0.5 / STEP_M))
+        let velocity = |&(node, unit): &(usize, [f64; 2])| {
+            let at = |by: f64| surface.walk(nodes_m[node], unit.map(|axis| axis * by));
+            (node, scale(sub(at(STEP), at(-STEP)), 0.5 / STEP))
         };
         self.nodes.iter().map(velocity).collect()
     }
 
-    /// Adds a displacement by a distance to the nodes.
-    pub(super) fn apply(&self, surface: &Surface, by_m: f64, nodes_m: &mut [Point3]) {
-        for &(node, part) in &self.nodes {
-            nodes_m[node] = surface.walk(nodes_m[node], self.direction.map(|axis| axis * by_m * part));
+    /// Adds a displacement to the nodes.
+    pub(super) fn apply(&self, surface: &Surface, by: f64, nodes_m: &mut [Point3]) {
+        for &(node, unit) in &self.nodes {
+            nodes_m[node] = surface.walk(nodes_m[node], unit.map(|axis| axis * by));
         }
     }
 }
 
-/// The displacements of all electrodes that are patches of cells on a body with a chart: in both directions, or along
-/// the edge that they are on.
-pub(super) fn displacements(design: &SkinDesign, mesh: &Mesh) -> Vec<Displacement> {
+/// The displacements on a body with a chart: of all electrodes that are patches of cells, in both directions or along the edge
+/// that they are on, and of the sizes that have a deviation.
+pub(super) fn displacements(design: &SkinDesign, mesh: &Mesh, options: &IdentifyOptions) -> Vec<Displacement> {
     let surface = design.body.surface();
     if surface == Surface::Free {
         return Vec::new();
     }
-    let mut all = Vec::new();
+    let (mut all, mut wider) = (Vec::new(), Vec::new());
     for (electrode, patch) in mesh.electrodes.iter().enumerate() {
         if !matches!(patch, ElectrodePatch::Cells(_)) {
             continue;
         }
         let nodes = moving(design, mesh, electrode);
-        let directions = directions(&design.body, design.electrodes[electrode].centre_m);
-        all.extend(directions.iter().map(|&direction| Displacement {
-            electrode,
-            direction,
-            directions: directions.len(),
-            nodes: nodes.clone(),
+        let centre_m = design.electrodes[electrode].centre_m;
+        let directions = directions(&design.body, centre_m);
+        let sd = options.displacement_m / (directions.len() as f64).sqrt();
+        all.extend(directions.into_iter().map(|direction| {
+            let nodes = nodes.iter().map(|&(node, part)| (node, direction.map(|axis| axis * part))).collect();
+            Displacement { electrode: Some((electrode, direction)), sd, nodes }
         }));
+        let from_centre =
+            |&(node, part): &(usize, f64)| (node, surface.chart(centre_m, mesh.nodes[node]).map(|axis| axis * part));
+        wider.extend(nodes.iter().map(from_centre));
     }
+    let sizes = [(options.radius_sd, wider), (options.length_sd, longer(&design.body, mesh))];
+    let sizes = sizes.into_iter().filter(|(sd, nodes)| *sd > 0.0 && !nodes.is_empty());
+    all.extend(sizes.map(|(sd, nodes)| Displacement { electrode: None, sd, nodes }));
     all
+}
+
+/// The displacements of all nodes when the body becomes longer, on one axis: other bodies of other sizes have the same frames.
+fn longer(body: &Body, mesh: &Mesh) -> Vec<(usize, [f64; 2])> {
+    // A cylinder along its axis, a rectangle along x.
+    let (axis, in_chart, middle_m) = match *body {
+        Body::Cylinder { length_m, .. } => (2, [0.0, 1.0], 0.5 * length_m),
+        Body::Rectangle { width_m, .. } => (0, [1.0, 0.0], 0.5 * width_m),
+        _ => return Vec::new(),
+    };
+    let moved = |(node, at): (usize, &Point3)| (node, in_chart.map(|part| part * (at[axis] - middle_m)));
+    mesh.nodes.iter().enumerate().map(moved).collect()
 }
 
 /// The directions in which an electrode may be displaced.
