@@ -35,6 +35,8 @@ pub const DOUBTFUL: f64 = 0.6;
 pub const WRONG: f64 = 0.4;
 /// Another order or other signs are named if they agree at least this well.
 const NAMED: f64 = 0.9;
+/// ... and if they leave at most this part of what the given order leaves.
+const FAR_MORE: f64 = 0.25;
 /// Sorted values that agree at least this well are the right values in another order.
 const SAME_VALUES: f64 = 0.97;
 /// The median size of a touched frame over that of its baseline: beyond the first range it may be in other units, beyond the
@@ -93,7 +95,9 @@ impl<'a> Plausibility<'a> {
             return Some(found);
         }
         let own = self.agreement(baseline, &self.model);
-        if own >= DOUBTFUL {
+        // Smooth frames agree even if every value is in the place of the next one; the right order explains far more.
+        let late = self.other_order(baseline).filter(|(better, _)| 1.0 - better <= FAR_MORE * (1.0 - own));
+        if own >= DOUBTFUL && late.is_none() {
             return None;
         }
         let (found, agreement) = self.other_signs(baseline, &self.model).unwrap_or((FindingKind::UnlikeModel, own));
@@ -106,7 +110,7 @@ impl<'a> Plausibility<'a> {
         if found != FindingKind::UnlikeModel {
             return Some(Finding::new(found, own, evidence(agreement), self.fix(found)));
         }
-        if let Some((agreement, text)) = self.other_order(baseline) {
+        if let Some((agreement, text)) = late {
             let evidence = format!("{}, and by {agreement:.2} {text}", evidence(own));
             return Some(Finding::new(FindingKind::Order, own, evidence, ORDER));
         }
@@ -154,7 +158,7 @@ impl<'a> Plausibility<'a> {
             return wrong.into_iter().flatten().next();
         }
         let is_whole = |difference: &&Frame| {
-            self.agreement(difference, &self.model).abs() >= NAMED && {
+            self.agreement(difference, &self.model).abs() >= DOUBTFUL && {
                 let ratio = self.ratio(difference, &self.model);
                 (RATIOS[0][0]..=RATIOS[0][1]).contains(&ratio)
             }
@@ -272,7 +276,7 @@ impl<'a> Plausibility<'a> {
     /// Whether a frame has the values of another one, in any order.
     fn same_values(&self, frame: &Frame, other: &Frame) -> bool {
         let sorted = |frame: &Frame| {
-            let mut values = self.values(frame);
+            let mut values = limited(self.used.iter().map(|&channel| frame[channel]));
             values.sort_by(f64::total_cmp);
             values
         };
@@ -305,7 +309,7 @@ impl<'a> Plausibility<'a> {
                 "give both with the signs of the design, or both as amplitudes",
             );
         }
-        if self.same_values(frame, baseline) {
+        if (RATIOS[0][0]..=RATIOS[0][1]).contains(ratio) && self.same_values(frame, baseline) {
             let evidence = format!("{evidence}; it has the same values in another order");
             return Finding::new(FindingKind::Order, *agreement, evidence, "give both in the order of the protocol");
         }

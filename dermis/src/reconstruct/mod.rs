@@ -174,8 +174,12 @@ pub enum Quantity {
 /// standard deviation is then a quarter (1 / sqrt(2 n)).
 pub const FEWEST_UNTOUCHED_FRAMES: usize = 8;
 
+/// Fewer frames tell the noise of all channels, not that of each: the noise that is the same in all values of a drive, as that of
+/// its current, is larger in large values.
+const OF_FEW_FRAMES: f64 = 1.5;
+
 /// Frames that are drawn where the untouched ones are fewer.
-const DRAWN_FRAMES: u64 = 8;
+const DRAWN_FRAMES: u64 = 64;
 
 /// The noise of a method's images of differences from the mean of untouched frames, from these or their differences from one
 /// frame, ohm: by the method's matrix from the [noise of the channels](ChannelNoise); without a matrix from the images of
@@ -206,28 +210,36 @@ pub(crate) fn image_noise_of(
     untouched: &[Frame],
 ) -> Result<Option<ImageNoise>, ReconstructError> {
     let Some(rest) = mean(untouched) else { return Ok(None) };
-    let sd_ohm = noise.sd_of_difference_ohm();
+    let mut sd_ohm = noise.sd_of_difference_ohm();
+    let is_few = untouched.len() < FEWEST_UNTOUCHED_FRAMES;
+    if is_few {
+        sd_ohm.iter_mut().for_each(|sd| *sd *= OF_FEW_FRAMES);
+    }
     if let Some(matrix) = method.matrix() {
         return Ok(Some(ImageNoise::from_matrix(matrix, &sd_ohm)));
     }
-    let frames: Vec<Frame> = match untouched.len() < FEWEST_UNTOUCHED_FRAMES {
+    let frames: Vec<Frame> = match is_few {
         true => (0..DRAWN_FRAMES).map(|frame| drawn(&sd_ohm, frame)).collect(),
         false => untouched.iter().map(|frame| frame - &rest).collect(),
     };
     let images = frames.par_iter().map(|frame| method.reconstruct(frame)).collect::<Result<Vec<_>, _>>()?;
-    Ok(ImageNoise::from_untouched(&images))
+    let noise = ImageNoise::from_untouched(&images);
+    Ok(if is_few { noise.map(|noise| noise.above_peaks(&images)) } else { noise })
 }
 
-/// A frame of values as large as their deviations, with random signs (the mixing function of SplitMix64; Steele, Lea and
-/// Flood, 2014, DOI 10.1145/2660193.2660195).
+/// A frame of noise: each value is the sum of four even ones (the mixing function of SplitMix64; Steele, Lea and Flood, 2014, DOI
+/// 10.1145/2660193.2660195).
 fn drawn(sd_ohm: &[f64], frame: u64) -> Frame {
-    let sign = |channel: usize| {
+    let normal = |channel: usize| {
         let mut bits = (frame << 32 | channel as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         bits = (bits ^ bits >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         bits = (bits ^ bits >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        if (bits ^ bits >> 31) & 1 == 0 { 1.0 } else { -1.0 }
+        bits ^= bits >> 31;
+        let even = |part: u64| (bits >> (16 * part) & 0xffff) as f64 / 65536.0 - 0.5;
+        // The variance of each is 1/12.
+        3f64.sqrt() * (0..4).map(even).sum::<f64>()
     };
-    Frame(sd_ohm.iter().enumerate().map(|(channel, sd)| sign(channel) * sd).collect())
+    Frame(sd_ohm.iter().enumerate().map(|(channel, sd)| normal(channel) * sd).collect())
 }
 
 /// Checks a difference and its image.

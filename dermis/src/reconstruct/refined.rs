@@ -88,11 +88,14 @@ impl Refined {
     }
 
     fn refinement(&self, rest: &Frame, untouched: &[Frame]) -> crate::Result<Refinement> {
-        let sd_ohm = self.noise_ohm(untouched);
+        let of_frame = self.noise_ohm(untouched);
+        let times = |factor: f64| -> Vec<f64> { of_frame.iter().map(|sd| factor * sd).collect() };
+        // A difference has the noise of the baseline, too.
+        let rows = untouched.len() as f64;
+        let (of_mean, sd_ohm) = (times((1.0 / rows).sqrt()), times((1.0 + 1.0 / rows).sqrt()));
         if !self.is_signed {
             return self.of_amplitudes(rest, &sd_ohm);
         }
-        let of_mean: Vec<f64> = sd_ohm.iter().map(|sd| sd / (untouched.len() as f64).sqrt()).collect();
         let reason = match self.identifier()?.identify(rest, &of_mean) {
             Ok(skin) if skin.misfit <= MOST_MISFIT => {
                 let refiner = Refiner::new(&self.design.body, skin.model(), &sd_ohm, self.options)?;
