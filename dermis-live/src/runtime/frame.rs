@@ -74,6 +74,11 @@ impl StaleWatch {
         let is_due = self.reported.is_none_or(|at| at.elapsed() >= AGAIN);
         let last = self.last.as_ref().filter(|_| age > limit && is_due)?;
         let is_first = self.reported.replace(Instant::now()).is_none();
-        Some((last.stale(age.as_secs_f64()), is_first))
+        let age_s = age.as_secs_f64();
+        let mut stale = last.stale(age_s);
+        // At most one frame has arrived in this time.
+        let health = Arc::make_mut(&mut stale.result.health);
+        health.rate_hz = health.rate_hz.min(1.0 / age_s);
+        Some((stale, is_first))
     }
 }

@@ -240,10 +240,14 @@ fn host_is_ours(shared: &ServerState, host: Option<&str>) -> bool {
     if shared.token.is_some() {
         return true;
     }
-    let Some(host) = host else { return false };
+    host.is_some_and(is_loopback)
+}
+
+/// Whether a host, with or without a port, is `localhost` or a loopback address; one of IPv6 stands in brackets.
+fn is_loopback(host: &str) -> bool {
     let name = host.rsplit_once(':').map_or(host, |(name, port)| if port.contains(']') { host } else { name });
-    let name = name.trim_start_matches('[').trim_end_matches(']');
-    name == "localhost" || name.parse::<std::net::IpAddr>().is_ok_and(|address| address.is_loopback())
+    let inner = name.strip_prefix('[').and_then(|name| name.strip_suffix(']'));
+    name == "localhost" || inner.unwrap_or(name).parse::<std::net::IpAddr>().is_ok_and(|address| address.is_loopback())
 }
 
 /// Compares two secrets in a time that does not depend on where they differ.
@@ -254,6 +258,18 @@ fn same(a: &[u8], b: &[u8]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn loopback_hosts_are_ours_and_names_that_look_like_them_are_not() {
+        for host in ["localhost", "localhost:8080", "127.0.0.1", "127.3.2.1:80", "[::1]", "[::1]:8080"] {
+            assert!(is_loopback(host), "{host}");
+        }
+        for host in
+            ["", "[::1]]", "[[::1]", "[::1", "localhost.example", "127.0.0.1.example:80", "10.0.0.1", "[::2]:80"]
+        {
+            assert!(!is_loopback(host), "{host}");
+        }
+    }
 
     #[test]
     fn tokens_come_whole_through_an_address() {
