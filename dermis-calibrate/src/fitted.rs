@@ -6,7 +6,8 @@ use crate::error::CalibrateError;
 use crate::strength::UnusedForces;
 use dermis::design::SkinDesign;
 use dermis::frame::Frame;
-use dermis::geom::vector::distance;
+use dermis::geom::Point3;
+use dermis::geom::vector::{centroid, distance};
 use dermis::method::{MethodOptions, Methods};
 use dermis::skin::Skin;
 use serde::Serialize;
@@ -24,7 +25,7 @@ pub enum Fitted {
 /// What a calibration has to be better than.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Alternatives {
-    /// Mean distance of the labels from the one of them that is nearest to all others: the error of a guess, m.
+    /// Mean distance of the labels from the place nearest to all of them: the error of a guess, m.
     pub guess_m: f64,
     /// A method without calibration, and its mean error at the labels, where it finds all of them, m.
     pub uncalibrated: Option<(String, f64)>,
@@ -132,14 +133,18 @@ impl Fitted {
         frame: LabelFrame,
     ) -> Result<Alternatives, CalibrateError> {
         let surface = skin.design().body.surface();
-        let distance_m = |a: &Label, b: &Label| match frame {
-            LabelFrame::Skin => surface.distance_m(a.position_m, b.position_m),
-            LabelFrame::Robot => distance(a.position_m, b.position_m),
+        let distance_m = |a: Point3, b: Point3| match frame {
+            LabelFrame::Skin => surface.distance_m(a, b),
+            LabelFrame::Robot => distance(a, b),
         };
-        let mean_m = |one: &Label| {
-            labels.iter().map(|other| distance_m(one, other)).sum::<f64>() / (labels.len() as f64 - 1.0).max(1.0)
+        let at_labels: Vec<Point3> = labels.iter().map(|label| label.position_m).collect();
+        let anywhere = match frame {
+            LabelFrame::Skin => skin.pixels().centres_m.clone(),
+            LabelFrame::Robot => vec![centroid(&at_labels)],
         };
-        let guess_m = labels.iter().map(mean_m).fold(f64::INFINITY, f64::min);
+        let mean_m =
+            |one: Point3| at_labels.iter().map(|&other| distance_m(one, other)).sum::<f64>() / labels.len() as f64;
+        let guess_m = anywhere.into_iter().map(mean_m).fold(f64::INFINITY, f64::min);
         let uncalibrated = match frame {
             LabelFrame::Robot => None,
             LabelFrame::Skin => {

@@ -57,6 +57,7 @@ pub(super) fn displacements(design: &SkinDesign, mesh: &Mesh, options: &Identify
         return Vec::new();
     }
     let (mut all, mut wider) = (Vec::new(), Vec::new());
+    let (mut longer, in_chart) = longer(&design.body, mesh);
     for (electrode, patch) in mesh.electrodes.iter().enumerate() {
         if !matches!(patch, ElectrodePatch::Cells(_)) {
             continue;
@@ -72,23 +73,30 @@ pub(super) fn displacements(design: &SkinDesign, mesh: &Mesh, options: &Identify
         let from_centre =
             |&(node, part): &(usize, f64)| (node, surface.chart(centre_m, mesh.nodes[node]).map(|axis| axis * part));
         wider.extend(nodes.iter().map(from_centre));
+        // The electrodes move with the body, but keep their shape.
+        for (node, by) in nodes.iter().map(from_centre) {
+            if let Some((_, longer)) = longer.get_mut(node) {
+                (0..2).for_each(|axis| longer[axis] -= in_chart[axis] * by[axis]);
+            }
+        }
     }
-    let sizes = [(options.radius_sd, wider), (options.length_sd, longer(&design.body, mesh))];
+    let sizes = [(options.radius_sd, wider), (options.length_sd, longer)];
     let sizes = sizes.into_iter().filter(|(sd, nodes)| *sd > 0.0 && !nodes.is_empty());
     all.extend(sizes.map(|(sd, nodes)| Displacement { electrode: None, sd, nodes }));
     all
 }
 
-/// The displacements of all nodes when the body becomes longer, on one axis: other bodies of other sizes have the same frames.
-fn longer(body: &Body, mesh: &Mesh) -> Vec<(usize, [f64; 2])> {
+/// The displacements of all nodes when the body becomes longer, on one axis, and this axis in the chart. None on other bodies:
+/// those of another size have the same frames.
+fn longer(body: &Body, mesh: &Mesh) -> (Vec<(usize, [f64; 2])>, [f64; 2]) {
     // A cylinder along its axis, a rectangle along x.
     let (axis, in_chart, middle_m) = match *body {
         Body::Cylinder { length_m, .. } => (2, [0.0, 1.0], 0.5 * length_m),
         Body::Rectangle { width_m, .. } => (0, [1.0, 0.0], 0.5 * width_m),
-        _ => return Vec::new(),
+        _ => return (Vec::new(), [0.0; 2]),
     };
     let moved = |(node, at): (usize, &Point3)| (node, in_chart.map(|part| part * (at[axis] - middle_m)));
-    mesh.nodes.iter().enumerate().map(moved).collect()
+    (mesh.nodes.iter().enumerate().map(moved).collect(), in_chart)
 }
 
 /// The directions in which an electrode may be displaced.
