@@ -239,3 +239,18 @@ fn a_touch_that_moves_is_no_noise() {
         assert!(count.is_some_and(|count: u64| count >= 90), "{design}: contacts in {count:?} of 99 frames\n{said}");
     }
 }
+
+#[test]
+fn positions_one_row_off_are_named_in_noise() {
+    let Some(at) = case("14-truth-one-row-late-missed") else { return };
+    let command = "check-frames lor.toml --frames lor_diff.csv --difference --truth lor_rob.csv";
+    let (_, text) = said(&at, command);
+    assert!(text.contains("1 row before it in the truth"), "{text}");
+    // With the positions in their rows nothing is found.
+    let truth = std::fs::read_to_string(at.path("lor_rob.csv")).unwrap();
+    let rows: Vec<&str> = truth.lines().collect();
+    let moved = [&rows[..1], &rows[..rows.len() - 1]].concat().join("\n");
+    std::fs::write(at.path("lor_rob.csv"), moved).unwrap();
+    let (_, text) = said(&at, command);
+    assert!(!text.contains("in the truth"), "{text}");
+}

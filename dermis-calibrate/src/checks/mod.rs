@@ -416,7 +416,8 @@ impl<'a> Check<'a> {
         if let Some(positions_m) = self.recording.positions_m {
             self.figures.shift_explained = truth::explained(components, positions_m);
             self.figures.shifts = truth::SHIFTS.collect();
-            self.findings.extend(truth::shifted(&self.figures.shift_explained));
+            let shifted = truth::shifted(&self.figures.shift_explained);
+            self.findings.extend(shifted.or_else(|| truth::shifted_in_noise(values, positions_m)));
             by_truth = truth::memory(components, positions_m);
         }
         if let Some(course) = time::course(values, components) {
