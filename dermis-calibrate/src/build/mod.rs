@@ -67,9 +67,7 @@ const DETERMINED: f64 = 0.5;
 const SCALE_SD: f64 = 1.098_6;
 const RADIUS_SD: f64 = 0.08;
 const LENGTH_SD: f64 = 0.007;
-/// Contact impedances that differ from the design's by more than this, in the logarithm, are taken from the frame before faults
-/// are looked for, within these factors.
-const OTHER_CONTACTS: f64 = 0.5;
+/// Contact impedances are taken from a frame within these factors of the design's.
 const CONTACT_FACTORS: [f64; 2] = [0.03, 30.0];
 
 /// What was found on a built skin.
@@ -125,12 +123,11 @@ impl BuildChecker {
     /// # Errors
     /// A design without signs (`amplitude_only`), or that cannot be solved.
     pub fn new(skin: &Skin) -> Result<Self, CalibrateError> {
-        let options = IdentifyOptions {
-            scale_sd: SCALE_SD,
-            radius_sd: RADIUS_SD,
-            length_sd: LENGTH_SD,
-            ..IdentifyOptions::default()
-        };
+        BuildChecker::of_sizes(skin, [0.0; 2])
+    }
+
+    fn of_sizes(skin: &Skin, [radius_sd, length_sd]: [f64; 2]) -> Result<Self, CalibrateError> {
+        let options = IdentifyOptions { scale_sd: SCALE_SD, radius_sd, length_sd, ..IdentifyOptions::default() };
         Ok(BuildChecker { model: Model::new(skin, options)?, skin: skin.clone() })
     }
 
@@ -146,36 +143,35 @@ impl BuildChecker {
         if let Some(found) = unlike.filter(|found| found.is_fault() && found.kind != FindingKind::UnlikeModel) {
             return Ok(self.unlike(frames.len(), vec![found]));
         }
-        match self.with_contacts_of(frames)? {
-            Some(checker) => checker.check_workmanship(frames, mean),
-            None => self.check_workmanship(frames, mean),
+        let own = self.check_workmanship(frames, &mean)?;
+        if own.misfit <= EXPLAINED && own.faults.is_empty() {
+            return Ok(own);
         }
+        // Sizes and contacts explain a part of any fault: they count where they explain all of the frame.
+        let varied = self.varied(frames)?.check_workmanship(frames, &mean)?;
+        let is_simpler = own.misfit > UNEXPLAINED || varied.faults.len() < own.faults.len();
+        Ok(if varied.misfit <= EXPLAINED && is_simpler { varied } else { own })
     }
 
-    /// The checks of the design with the contact impedance of some frames, if that is another one: the frame is not linear in
-    /// it.
-    fn with_contacts_of(&self, frames: &[Frame]) -> Result<Option<BuildChecker>, CalibrateError> {
+    /// The checks of the design with other sizes and with the contact impedance of some frames: a frame is not linear in it.
+    fn varied(&self, frames: &[Frame]) -> Result<BuildChecker, CalibrateError> {
         let model = &self.model;
-        let Some(data) = Data::new(&model.protocol, frames, &model.frame, &model.discretisation) else {
-            return Ok(None);
-        };
-        let factor = model.contact_factor(&data).clamp(CONTACT_FACTORS[0], CONTACT_FACTORS[1]);
-        if factor.is_nan() || factor.ln().abs() <= OTHER_CONTACTS {
-            return Ok(None);
-        }
+        let data = Data::new(&model.protocol, frames, &model.frame, &model.discretisation);
+        let factor = data.map_or(1.0, |data| model.contact_factor(&data));
+        let factor = if factor.is_nan() { 1.0 } else { factor.clamp(CONTACT_FACTORS[0], CONTACT_FACTORS[1]) };
         let mut design = self.skin.design().clone();
         design.electrodes.iter_mut().for_each(|electrode| electrode.contact_impedance *= factor);
-        Ok(Some(BuildChecker::new(&Skin::new(design)?)?))
+        BuildChecker::of_sizes(&Skin::new(design)?, [RADIUS_SD, LENGTH_SD])
     }
 
-    /// Checks frames whose contacts are about those of the design.
-    fn check_workmanship(&self, frames: &[Frame], mean: Frame) -> Result<BuildCheck, CalibrateError> {
+    /// Checks frames of a skin of about these sizes and contacts.
+    fn check_workmanship(&self, frames: &[Frame], mean: &Frame) -> Result<BuildCheck, CalibrateError> {
         let model = &self.model;
         let even = vec![0.0; model.identifier.unknown_count()];
         let data = Data::new(&model.protocol, frames, &model.frame, &model.discretisation);
         let fit = data.as_ref().and_then(|data| model.fit(data, &[], &even, f64::INFINITY));
         let (Some(data), Some(mut fit)) = (data, fit) else {
-            return Ok(self.unlike(frames.len(), self.recorded(mean)?));
+            return Ok(self.unlike(frames.len(), self.recorded(mean.clone())?));
         };
         let sound_misfit = fit.misfit;
         let mut gains = Vec::new();
@@ -186,7 +182,7 @@ impl BuildChecker {
             fit = self.pruned(&data, better, &mut gains);
         }
         if is_unexplained(&fit, sound_misfit) && fit.misfit > MOST_LEFT * sound_misfit {
-            let recorded = self.recorded(mean)?;
+            let recorded = self.recorded(mean.clone())?;
             if !is_sound(&recorded) {
                 return Ok(BuildCheck { misfit: fit.misfit, sound_misfit, ..self.unlike(frames.len(), recorded) });
             }
