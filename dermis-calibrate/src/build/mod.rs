@@ -171,7 +171,7 @@ impl BuildChecker {
         let data = Data::new(&model.protocol, frames, &model.frame, &model.discretisation);
         let fit = data.as_ref().and_then(|data| model.fit(data, &[], &even, f64::INFINITY));
         let (Some(data), Some(mut fit)) = (data, fit) else {
-            return Ok(self.unlike(frames.len(), self.recorded(mean.clone())?));
+            return Ok(self.unlike(frames.len(), self.recorded(mean)?));
         };
         let sound_misfit = fit.misfit;
         let mut gains = Vec::new();
@@ -182,7 +182,7 @@ impl BuildChecker {
             fit = self.pruned(&data, better, &mut gains);
         }
         if is_unexplained(&fit, sound_misfit) && fit.misfit > MOST_LEFT * sound_misfit {
-            let recorded = self.recorded(mean.clone())?;
+            let recorded = self.recorded(mean)?;
             if !is_sound(&recorded) {
                 return Ok(BuildCheck { misfit: fit.misfit, sound_misfit, ..self.unlike(frames.len(), recorded) });
             }
@@ -191,9 +191,9 @@ impl BuildChecker {
     }
 
     /// What the values alone show, and their order: of use where the model does not explain the frame.
-    fn recorded(&self, mean: Frame) -> Result<Vec<Finding>, CalibrateError> {
-        let one = [mean];
-        let recording = Recording { frames: &one, untouched: &one, positions_m: None, label_frame: LabelFrame::Skin };
+    fn recorded(&self, mean: &Frame) -> Result<Vec<Finding>, CalibrateError> {
+        let one = std::slice::from_ref(mean);
+        let recording = Recording { frames: one, untouched: one, positions_m: None, label_frame: LabelFrame::Skin };
         let mut findings = check_recording(&self.skin, &recording)?.findings;
         let of_frame = [
             FindingKind::Order,

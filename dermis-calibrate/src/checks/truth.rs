@@ -3,6 +3,7 @@
 use crate::ridge::Regression;
 use dermis::finding::{Finding, FindingKind};
 use dermis::geom::Point3;
+use dermis::stats::mean_and_sd;
 use dermis::text::counted;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
@@ -80,22 +81,17 @@ pub(crate) fn shifted_in_noise(standardised: &Mat<f64>, positions_m: &[Point3]) 
     let inverse = kernel.llt(Side::Lower).ok()?.solve(Mat::<f64>::identity(rows, rows));
     // The positions themselves, without higher powers.
     let places = features_to(positions_m.get(..rows)?, 1);
+    let all = places.squared_norm_l2();
     let explained = |shift: i32| {
         let place = |row: usize, axis: usize| places[((row as i32 + shift).rem_euclid(rows as i32) as usize, axis)];
         let moved = Mat::from_fn(rows, places.ncols(), place);
         let left = &inverse * &moved;
-        let square = |matrix: &Mat<f64>, over: &dyn Fn(usize) -> f64| -> f64 {
-            (0..rows)
-                .flat_map(|row| (0..places.ncols()).map(move |axis| (row, axis)))
-                .map(|(row, axis)| (matrix[(row, axis)] / over(row)).powi(2))
-                .sum()
-        };
-        1.0 - square(&left, &|row| inverse[(row, row)]) / square(&moved, &|_| 1.0)
+        let residual = Mat::from_fn(rows, left.ncols(), |row, axis| left[(row, axis)] / inverse[(row, row)]);
+        1.0 - residual.squared_norm_l2() / all
     };
     let by_chance: Vec<f64> =
         (-FAR..=FAR).filter(|shift| !SHIFTS.contains(shift)).map(&explained).filter(|part| part.is_finite()).collect();
-    let mean = by_chance.iter().sum::<f64>() / by_chance.len() as f64;
-    let sd = (by_chance.iter().map(|part| (part - mean).powi(2)).sum::<f64>() / by_chance.len() as f64).sqrt();
+    let (mean, sd) = mean_and_sd(&by_chance);
     let (shift, best) = SHIFTS.map(|shift| (shift, explained(shift))).max_by(|a, b| a.1.total_cmp(&b.1))?;
     let zero = explained(0);
     (shift != 0 && best - mean > CHANCE_SD * sd && best - zero > MORE).then(|| finding(shift, best, zero))

@@ -1,6 +1,6 @@
 //! Touches that move fast, and light ones, against the same frames one by one.
 
-use crate::bench::{Bench, along, lab, methods, place, stroke, surface_distance};
+use crate::bench::{Bench, TARE, along, methods, place, stroke, surface_distance};
 use dermis::frame::{Differences, Frame};
 use dermis::pipeline::{Settings, TrackedContact};
 use dermis_live::emulator::{Place, Stroke};
@@ -10,9 +10,6 @@ use rand::RngExt;
 
 /// A contact within this distance of the touch is the touch, m.
 const NEAR_M: f64 = 0.03;
-/// Rows of the baseline of single frames.
-const ROWS: usize = 100;
-
 /// Frames of touches in which the method finds them by itself, those of them in which the pipeline has them, and frames in
 /// which it has contacts without a touch.
 fn seen(twin: &TwinOptions, seed: u64, method: &str, touches: &[Stroke]) -> [u32; 3] {
@@ -26,14 +23,15 @@ fn seen(twin: &TwinOptions, seed: u64, method: &str, touches: &[Stroke]) -> [u32
         bench.rebuild();
         read.push((time_s, frame));
     }
-    let untouched: Vec<Frame> = read[..ROWS].iter().map(|(_, frame)| Frame(frame.values_ohm.clone())).collect();
-    let frames = read[ROWS..].iter().map(|(_, frame)| Frame(frame.values_ohm.clone())).collect();
+    let (tared, read) = read.split_at(TARE as usize);
+    let untouched: Vec<Frame> = tared.iter().map(|(_, frame)| Frame(frame.values_ohm.clone())).collect();
+    let frames = read.iter().map(|(_, frame)| Frame(frame.values_ohm.clone())).collect();
     let differences = Differences::new(frames, untouched);
     let set = methods();
     let method = set.method(method).unwrap().adapted(&differences).unwrap();
     let detector = method.detector_of(&differences, &set.skin().design().protocol).unwrap();
     let (mut by_method, mut by_both, mut false_frames) = (0, 0, 0);
-    for ((time_s, frame), difference) in read[ROWS..].iter().zip(&differences.frames) {
+    for ((time_s, frame), difference) in read.iter().zip(&differences.frames) {
         let touch = touches.iter().find(|touch| {
             // The tracker confirms a contact in its second frame, and the force has to rise.
             *time_s > touch.at_s + touch.ramp_s + 1.5 / twin.electronics.frame_rate_hz
@@ -83,10 +81,9 @@ fn table(rates_hz: &[f64], count: u32) {
                 ("200 mm/s", 0.2, 2.0),
             ] {
                 for method in names {
-                    let mut twin = if twin_name == "lab" { lab() } else { TwinOptions::shipped(twin_name).unwrap() };
+                    let mut twin = TwinOptions::shipped(twin_name).unwrap();
                     twin.electronics.frame_rate_hz = rate_hz;
-                    // The tare needs 100 frames.
-                    let shift_s = 100.0 / rate_hz;
+                    let shift_s = TARE as f64 / rate_hz;
                     let touches: Vec<Stroke> = slides((1e3 * speed_m_s) as u64, count, speed_m_s, force_n)
                         .into_iter()
                         .map(|touch| Stroke { at_s: touch.at_s + shift_s, ..touch })
