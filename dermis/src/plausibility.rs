@@ -35,8 +35,10 @@ pub const DOUBTFUL: f64 = 0.6;
 pub const WRONG: f64 = 0.4;
 /// Another order or other signs are named if they agree at least this well.
 const NAMED: f64 = 0.9;
-/// ... and if they leave at most this part of what the given order leaves.
+/// ... and if they leave at most this part of what the given order leaves, and of what they change in the model's own frame.
 const FAR_MORE: f64 = 0.25;
+/// Agreements are not known better than this.
+const ROUNDING: f64 = 1e-9;
 /// Sorted values that agree at least this well are the right values in another order.
 const SAME_VALUES: f64 = 0.97;
 /// The median size of a touched frame over that of its baseline: beyond the first range it may be in other units, beyond the
@@ -96,7 +98,7 @@ impl<'a> Plausibility<'a> {
         }
         let own = self.agreement(baseline, &self.model);
         // Smooth frames agree even if every value is in the place of the next one; the right order explains far more.
-        let late = self.other_order(baseline).filter(|(better, _)| 1.0 - better <= FAR_MORE * (1.0 - own));
+        let late = self.other_order(baseline, own);
         if own >= DOUBTFUL && late.is_none() {
             return None;
         }
@@ -256,21 +258,28 @@ impl<'a> Plausibility<'a> {
         (of_sizes >= NAMED).then_some((kind, of_sizes))
     }
 
-    /// A simple other order with which an untouched frame agrees with the model, in words: values or whole drives late.
-    fn other_order(&self, baseline: &Frame) -> Option<(f64, String)> {
+    /// A simple other order that explains far more of an untouched frame than the given one, which agrees with the model by
+    /// `own`, in words: values or whole drives late. A symmetry of the skin is no other order: it hardly changes the model's
+    /// own frame.
+    fn other_order(&self, baseline: &Frame, own: f64) -> Option<(f64, String)> {
         let count = baseline.len();
         let (drives, drive_of) = self.protocol.drives();
         let block = count / drives.len().max(1);
         let is_even = drive_of.iter().enumerate().all(|(channel, &drive)| channel / block.max(1) == drive);
-        let rolled = |by: usize| Frame((0..count).map(|channel| baseline[(channel + by) % count]).collect());
+        let rolled = |frame: &Frame, by: usize| Frame((0..count).map(|channel| frame[(channel + by) % count]).collect());
+        let reversed = |frame: &Frame| Frame(frame.iter().rev().copied().collect());
         let values = [(1, "one value earlier"), (count - 1, "one value later")];
         let blocks = (1..drives.len()).filter(|_| is_even).map(|drive| (drive * block, drive));
         let of_values = values.into_iter().map(|(by, text)| (by, text.to_string()));
         let of_blocks = blocks.map(|(by, drive)| (by, format!("with the drives in turn from drive {drive} on")));
-        let reversed = Frame(baseline.iter().rev().copied().collect());
-        let all = of_values.chain(of_blocks).map(|(by, text)| (self.agreement(&rolled(by), &self.model), text));
-        let all = all.chain([(self.agreement(&reversed, &self.model), "in reverse".to_string())]);
-        all.filter(|(agreement, _)| *agreement >= NAMED).max_by(|a, b| a.0.total_cmp(&b.0))
+        let of_rolls = of_values.chain(of_blocks).map(|(by, text)| (rolled(baseline, by), rolled(&self.model, by), text));
+        let of_reverse = [(reversed(baseline), reversed(&self.model), "in reverse".to_string())];
+        let all = of_rolls.chain(of_reverse).filter_map(|(frame, model, text)| {
+            let better = self.agreement(&frame, &self.model);
+            let least_left = (1.0 - own).min(1.0 - self.agreement(&model, &self.model));
+            (better >= NAMED && 1.0 - better + ROUNDING <= FAR_MORE * least_left).then_some((better, text))
+        });
+        all.max_by(|a, b| a.0.total_cmp(&b.0))
     }
 
     /// Whether a frame has the values of another one, in any order.
@@ -415,6 +424,10 @@ mod tests {
             let protocol = &skin.design().protocol;
             let rest = untouched(&skin);
             let check = Plausibility::new(protocol, &rest, &[]);
+            // The model's own frame, in any unit: a symmetry of the skin is no other order.
+            for gain in [1.0, 1e-3, 1.0 / 3.0] {
+                assert_eq!(check.of_baseline(&of(&rest, |_, value| gain * value)), None, "{name}");
+            }
             for seed in 0..20 {
                 let mut rng = sample_rng(1, seed);
                 // Any gain; values off by 3 %; a channel that is wrong.
