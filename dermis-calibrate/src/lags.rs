@@ -26,11 +26,14 @@ const WEAK: (f64, f64) = (0.05, 2.0);
 /// A channel that shares its lag with less than this part of the channels of its drive, or with fewer than two others ...
 const FEW: f64 = 0.25;
 /// ... must be explained by this part at that lag, which leaves unexplained at most this part of what lag 0 leaves and explains
-/// this much more: presses next to each other look alike, too.
+/// this much more: presses next to each other look alike, too. The last is not asked for a lag of [`FEWEST_AGREED`] other channels
+/// of the recording.
 const ALONE: (f64, f64, f64) = (0.3, 0.6, 0.25);
 /// So must every channel where rows are this much like the next ones (their correlation), as while a finger slides or a press is
 /// held: every lag explains nearly all there.
 const SMOOTH: f64 = 0.5;
+/// Fewest channels with the same lag that tell of others.
+const FEWEST_AGREED: usize = 3;
 
 /// How well the other channels of each row predict one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -101,16 +104,24 @@ fn lags_without(
         })
         .collect();
     let channels = values[0].len();
-    let mut evidence = LagEvidence { explained: vec![Vec::new(); channels], lags: vec![0; channels] };
-    for (own, explained) in found {
-        let each: Vec<Evidence> = explained.iter().map(|explained| Evidence::of(explained)).collect();
-        let lags = decide(&each, WEAK.0 + WEAK.1 / (values.len() as f64).sqrt(), is_smooth);
-        for ((&channel, explained), lag) in own.iter().zip(explained).zip(lags) {
-            evidence.explained[channel] = explained;
-            evidence.lags[channel] = lag;
+    let weak = WEAK.0 + WEAK.1 / (values.len() as f64).sqrt();
+    let mut lags = vec![0; channels];
+    let mut known: Vec<i32> = Vec::new();
+    // Twice: what the whole recording shows counts for each of its channels.
+    for _ in 0..2 {
+        for (own, explained) in &found {
+            let each: Vec<Evidence> = explained.iter().map(|explained| Evidence::of(explained)).collect();
+            own.iter().zip(decide(&each, weak, is_smooth, &known)).for_each(|(&channel, lag)| lags[channel] = lag);
         }
+        known = LAGS
+            .filter(|lag| *lag != 0 && lags.iter().filter(|other| *other == lag).count() >= FEWEST_AGREED)
+            .collect();
     }
-    evidence
+    let mut explained_of = vec![Vec::new(); channels];
+    for (own, explained) in found {
+        own.iter().zip(explained).for_each(|(&channel, explained)| explained_of[channel] = explained);
+    }
+    LagEvidence { explained: explained_of, lags }
 }
 
 impl Evidence {
@@ -133,15 +144,16 @@ impl Evidence {
 }
 
 /// The lags of the channels of one drive: those of which no lag explains the part `weak` follow the majority of the
-/// others.
-fn decide(evidence: &[Evidence], weak: f64, is_smooth: bool) -> Vec<i32> {
+/// others. `known` are lags of other channels of the recording.
+fn decide(evidence: &[Evidence], weak: f64, is_smooth: bool, known: &[i32]) -> Vec<i32> {
     let is_strong = |one: &Evidence| one.best > weak;
     let own: Vec<i32> = evidence.iter().map(|one| if is_strong(one) { one.own_lag(RATIO) } else { 0 }).collect();
     let others = |lag: i32| own.iter().filter(|other| **other == lag).count() - 1;
     let agreed = |(one, &lag): (&Evidence, &i32)| {
         let few = others(lag) < 2 || ((others(lag) + 1) as f64) < FEW * own.len() as f64;
         let alone = lag != 0 && (few || is_smooth);
-        let is_clear = one.best >= ALONE.0 && one.own_lag(ALONE.1) == lag && one.best - one.at_zero.max(0.0) > ALONE.2;
+        let gains = known.contains(&lag) || one.best - one.at_zero.max(0.0) > ALONE.2;
+        let is_clear = one.best >= ALONE.0 && one.own_lag(ALONE.1) == lag && gains;
         if alone && !is_clear { 0 } else { lag }
     };
     let own: Vec<i32> = evidence.iter().zip(&own).map(agreed).collect();
@@ -150,8 +162,10 @@ fn decide(evidence: &[Evidence], weak: f64, is_smooth: bool) -> Vec<i32> {
         *votes.entry(lag).or_default() += 1;
     }
     let strong: usize = votes.values().sum();
-    let majority =
-        votes.into_iter().max_by_key(|(_, count)| *count).filter(|(_, count)| 2 * count > strong && *count > 2);
+    let majority = votes
+        .into_iter()
+        .max_by_key(|(_, count)| *count)
+        .filter(|(_, count)| 2 * count > strong && *count >= FEWEST_AGREED);
     let majority = majority.map_or(0, |(lag, _)| lag);
     evidence.iter().zip(own).map(|(one, own)| if is_strong(one) { own } else { majority }).collect()
 }

@@ -266,13 +266,15 @@ impl<'a> Plausibility<'a> {
         let (drives, drive_of) = self.protocol.drives();
         let block = count / drives.len().max(1);
         let is_even = drive_of.iter().enumerate().all(|(channel, &drive)| channel / block.max(1) == drive);
-        let rolled = |frame: &Frame, by: usize| Frame((0..count).map(|channel| frame[(channel + by) % count]).collect());
+        let rolled =
+            |frame: &Frame, by: usize| Frame((0..count).map(|channel| frame[(channel + by) % count]).collect());
         let reversed = |frame: &Frame| Frame(frame.iter().rev().copied().collect());
         let values = [(1, "one value earlier"), (count - 1, "one value later")];
         let blocks = (1..drives.len()).filter(|_| is_even).map(|drive| (drive * block, drive));
         let of_values = values.into_iter().map(|(by, text)| (by, text.to_string()));
         let of_blocks = blocks.map(|(by, drive)| (by, format!("with the drives in turn from drive {drive} on")));
-        let of_rolls = of_values.chain(of_blocks).map(|(by, text)| (rolled(baseline, by), rolled(&self.model, by), text));
+        let of_rolls =
+            of_values.chain(of_blocks).map(|(by, text)| (rolled(baseline, by), rolled(&self.model, by), text));
         let of_reverse = [(reversed(baseline), reversed(&self.model), "in reverse".to_string())];
         let all = of_rolls.chain(of_reverse).filter_map(|(frame, model, text)| {
             let better = self.agreement(&frame, &self.model);
