@@ -3,7 +3,11 @@
 mod synthetic;
 
 use dermis_live::recording::{Recorder, Replay, Replayed, Session, convert, recover};
+use dermis_sim::random::sample_rng;
+use rand::RngExt;
 use serde_json::Value;
+use std::collections::HashSet;
+use std::ops::Range;
 use std::path::Path;
 
 /// Tolerance, relative: other instruction sets, and the order of elimination since then, round sums differently.
@@ -85,6 +89,62 @@ fn a_recording_with_lz4_replays_to_its_contacts() {
     std::fs::write(&cut, damaged).unwrap();
     let report = recover(&cut, &out.path().join("rest.mcap")).unwrap();
     assert!(report.damaged.len() == 1 && report.frames > 0 && report.frames < expected.len() as u64, "{report:?}");
+}
+
+/// One place is damaged, of 1 bit to 100 kB. The chunks outside of it are found by their index in the whole file.
+#[test]
+fn two_hundred_damaged_places_cost_the_chunks_that_they_touch() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/recordings");
+    let whole = std::fs::read(folder.join("disk12.mcap")).unwrap();
+    let summary = mcap::Summary::read(&whole).unwrap().expect("an index");
+    let chunks: Vec<(Range<usize>, Vec<Vec<u8>>)> = summary
+        .chunk_indexes
+        .iter()
+        .map(|index| {
+            let messages = summary.stream_chunk(&whole, index).unwrap().map(Result::unwrap);
+            let frames = messages
+                .filter(|message| message.channel.topic.ends_with("dermis/wire"))
+                .map(|frame| frame.data.into());
+            let start = index.chunk_start_offset as usize;
+            (start..start + index.chunk_length as usize, frames.collect())
+        })
+        .collect();
+    let frames_of = |bytes: &[u8]| -> Vec<Vec<u8>> {
+        let messages = mcap::MessageStream::new(bytes).unwrap().map(Result::unwrap);
+        messages
+            .filter(|message| message.channel.topic.ends_with("dermis/wire"))
+            .map(|frame| frame.data.into())
+            .collect()
+    };
+    let out = tempfile::tempdir().unwrap();
+    let [damaged, repaired] = ["damaged.mcap", "repaired.mcap"].map(|name| out.path().join(name));
+    let (mut lost, mut kept) = (0, 0);
+    for seed in 0..200 {
+        let mut rng = sample_rng(90, seed);
+        let bits = (8e5f64.ln() * rng.random::<f64>()).exp() as usize;
+        let length = bits.div_ceil(8);
+        let start = rng.random_range(mcap::MAGIC.len()..whole.len() - length);
+        let mut bytes = whole.clone();
+        match bits {
+            ..8 => bytes[start] ^= (0xff << (8 - bits)) as u8,
+            _ => rng.fill(&mut bytes[start..start + length]),
+        }
+        std::fs::write(&damaged, &bytes).unwrap();
+        let report = recover(&damaged, &repaired).unwrap_or_else(|error| panic!("{seed}, {start}+{length}: {error}"));
+        let rest: HashSet<Vec<u8>> = frames_of(&std::fs::read(&repaired).unwrap()).into_iter().collect();
+        std::fs::remove_file(&repaired).unwrap();
+        let is_touched = |range: &Range<usize>| range.start < start + length && start < range.end;
+        for (range, frames) in &chunks {
+            let here = frames.iter().filter(|frame| rest.contains(*frame)).count();
+            let is_complete = is_touched(range) || here == frames.len();
+            assert!(is_complete, "{seed}: {here} of {} frames of {range:?}, damaged {start}+{length}", frames.len());
+            (kept, lost) = (kept + here, lost + frames.len() - here);
+        }
+        // What is not in a chunk is an index, which is written anew, or the description of the recording.
+        let is_told = !report.was_whole || !chunks.iter().any(|(range, _)| is_touched(range));
+        assert!(is_told, "{seed}: the damage at {start}+{length} is not told: {report:?}");
+    }
+    println!("{kept} frames recovered, {lost} in damaged chunks");
 }
 
 /// Two recordings joined to one file: the second one begins with its own state.

@@ -1,6 +1,6 @@
 //! Reads recordings for a replay.
 
-use crate::recording::walk::{End, Item, Walk};
+use crate::recording::walk::{End, Item, Walk, index};
 use crate::recording::{Event, RecordError, Session};
 use crate::sinks::ros2::{self as ros, Topic};
 use dermis::pipeline::Timestamp;
@@ -9,6 +9,9 @@ use std::collections::HashMap;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+
+/// The source of a recording.
+pub(super) type Input = Box<dyn Read + Send>;
 
 /// The items of a recording that a replay needs, in recorded order.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,8 +54,7 @@ impl Recording {
     /// # Errors
     /// A file that is not a recording of Dermis.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
-        let (file, length) = open(path)?;
-        Self::from_reader(Box::new(file), length, path)
+        Self::new(Messages::open(path)?, path)
     }
 
     /// Reads a recording of `length` bytes from any source; errors refer to it as `path`.
@@ -60,7 +62,10 @@ impl Recording {
     /// # Errors
     /// The same as [`open`](Self::open).
     pub fn from_reader(input: Box<dyn Read + Send>, length: u64, path: &Path) -> Result<Self, RecordError> {
-        let mut messages = Messages::new(input, length, path)?;
+        Self::new(Messages::new(walk(input, length, path)?, path), path)
+    }
+
+    fn new(mut messages: Messages, path: &Path) -> Result<Self, RecordError> {
         let mut session = Session::default();
         let first = loop {
             match messages.next_item(&mut session)? {
@@ -132,18 +137,17 @@ pub(super) enum ReadItem {
 /// The messages of a recording with their topics.
 pub(super) struct Messages {
     path: PathBuf,
-    pub walk: Walk<Box<dyn Read + Send>>,
+    pub walk: Walk<Input>,
     topics: HashMap<u16, Option<Topic>>,
 }
 
 impl Messages {
     pub(super) fn open(path: &Path) -> Result<Self, RecordError> {
-        let (file, length) = open(path)?;
-        Self::new(Box::new(file), length, path)
+        Ok(Self::new(open(path)?, path))
     }
 
-    pub(super) fn new(input: Box<dyn Read + Send>, length: u64, path: &Path) -> Result<Self, RecordError> {
-        Ok(Messages { path: path.to_path_buf(), walk: walk(input, length, path)?, topics: HashMap::new() })
+    fn new(walk: Walk<Input>, path: &Path) -> Self {
+        Messages { path: path.to_path_buf(), walk, topics: HashMap::new() }
     }
 
     /// The next message; other items before it are added to the session.
@@ -176,10 +180,14 @@ impl Messages {
     }
 }
 
-/// A file and its length.
-pub(super) fn open(path: &Path) -> Result<(File, u64), RecordError> {
-    let file = File::open(path).and_then(|file| Ok((file.metadata()?.len(), file)));
-    file.map(|(length, file)| (file, length)).map_err(|source| RecordError::io(path, source))
+/// Starts to read the records of a file.
+pub(super) fn open(path: &Path) -> Result<Walk<Input>, RecordError> {
+    let opened = File::open(path).and_then(|mut file| {
+        let length = file.metadata()?.len();
+        Ok((length, index(&mut file, length)?, file))
+    });
+    let (length, index, file) = opened.map_err(|source| RecordError::io(path, source))?;
+    Ok(walk(Box::new(file) as Input, length, path)?.with_index(index))
 }
 
 /// Starts to read the records.

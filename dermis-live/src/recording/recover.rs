@@ -43,9 +43,8 @@ pub struct RecoveryReport {
 /// # Errors
 /// A file that is not a recording; an output that exists; a system error.
 pub fn recover(from: &Path, to: &Path) -> Result<RecoveryReport, RecordError> {
-    let (file, length) = read::open(from)?;
     // Check the input before anything is written.
-    let walk = read::walk(file, length, from)?;
+    let walk = read::open(from)?;
     if to.exists() {
         return Err(RecordError::Exists { path: to.to_path_buf() });
     }

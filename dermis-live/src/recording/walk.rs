@@ -9,7 +9,7 @@ use dermis::text::counted;
 use mcap::MAGIC;
 use mcap::records::{AttachmentHeader, Channel, Header, MessageHeader, Metadata, SchemaHeader, op};
 use std::collections::BTreeMap;
-use std::io::Read;
+use std::io::{Read, Seek, SeekFrom};
 
 /// An item of the file.
 #[derive(Debug, Clone, PartialEq)]
@@ -68,6 +68,9 @@ pub(super) struct Walk<R> {
     /// Whether another recording begins at this position.
     begins: bool,
     end: Option<End>,
+    /// Schemas and channels of the index, in reverse order, and whether they are needed: after a damaged part.
+    declared: Vec<Item>,
+    is_damaged: bool,
 }
 
 impl<R: Read> Walk<R> {
@@ -84,6 +87,8 @@ impl<R: Read> Walk<R> {
             summary: false,
             begins: false,
             end: None,
+            declared: Vec::new(),
+            is_damaged: false,
         };
         let start = walk.source.take(MAGIC.len() as u64)?;
         Ok(match start {
@@ -92,6 +97,12 @@ impl<R: Read> Walk<R> {
             start if MAGIC.starts_with(&start) => Err(format!("it ends after {}", counted(start.len(), "byte"))),
             start => Err(format!("it begins with {start:02x?}")),
         })
+    }
+
+    /// With the [`index`] of the file, whose schemas and channels replace those that are lost in damaged parts.
+    pub(super) fn with_index(self, mut index: Vec<Item>) -> Self {
+        index.reverse();
+        Walk { declared: index, ..self }
     }
 
     /// Position of the record that contains the last item.
@@ -109,6 +120,17 @@ impl<R: Read> Walk<R> {
     /// # Errors
     /// A system error.
     pub(super) fn next(&mut self) -> std::io::Result<Option<Item>> {
+        if self.is_damaged
+            && let Some(item) = self.declared.pop()
+        {
+            return Ok(Some(item));
+        }
+        let item = self.next_item()?;
+        self.is_damaged |= matches!(item, Some(Item::Damaged { .. }));
+        Ok(item)
+    }
+
+    fn next_item(&mut self) -> std::io::Result<Option<Item>> {
         while self.end.is_none() {
             if let Some(item) = self.next_in_chunk() {
                 return Ok(Some(item));
@@ -251,6 +273,43 @@ impl<R: Read> Walk<R> {
         (self.summary, self.begins) = (false, true);
         self.source.take(MAGIC.len() as u64).map(drop)
     }
+}
+
+/// Schemas and channels of the index at the end of a file, which its checksum proves; none without one. The input is at its
+/// start again.
+///
+/// # Errors
+/// A system error.
+pub(super) fn index(input: &mut (impl Read + Seek), length: u64) -> std::io::Result<Vec<Item>> {
+    /// The body of a footer, and what of the record its checksum leaves out.
+    const FOOTER_BYTES: u64 = 20;
+    const CRC_BYTES: usize = 4;
+    let whole_bytes = PREFIX_BYTES as u64 + FOOTER_BYTES + MAGIC.len() as u64;
+    let Some(footer_at) = length.checked_sub(whole_bytes) else { return Ok(Vec::new()) };
+    let mut end = Vec::new();
+    input.seek(SeekFrom::Start(footer_at))?;
+    input.by_ref().take(whole_bytes - MAGIC.len() as u64).read_to_end(&mut end)?;
+    let start = record_at(&end, 0).filter(|(kind, ..)| *kind == op::FOOTER).and_then(|(_, body, _)| Fields(body).u64());
+    let mut section = Vec::new();
+    if let Some(start) = start.filter(|start| (1..=footer_at).contains(start) && footer_at - start <= LONGEST_RECORD) {
+        input.seek(SeekFrom::Start(start))?;
+        input.by_ref().take(footer_at - start).read_to_end(&mut section)?;
+    }
+    input.seek(SeekFrom::Start(0))?;
+    let Some((proved, crc)) = end.split_last_chunk::<CRC_BYTES>() else { return Ok(Vec::new()) };
+    let mut checksum = crc32fast::Hasher::new();
+    checksum.update(&section);
+    checksum.update(proved);
+    if section.is_empty() || checksum.finalize() != u32::from_le_bytes(*crc) {
+        return Ok(Vec::new());
+    }
+    let (mut at, mut items) = (0, Vec::new());
+    while let Some((kind, body, next)) = record_at(&section, at) {
+        at = next;
+        items.extend((kind == op::SCHEMA || kind == op::CHANNEL).then(|| parse(kind, body).ok().flatten()).flatten());
+    }
+    items.sort_by_key(|item| matches!(item, Item::Channel(_)));
+    Ok(items)
 }
 
 /// Opcode and body of the record at a position, and the position after it; `None` without a complete record.
