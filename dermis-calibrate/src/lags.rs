@@ -79,49 +79,44 @@ pub(crate) fn lag_evidence(values: &[Vec<f64>], protocol: &Protocol) -> LagEvide
     }
     let covariance = covariance(values);
     let is_smooth = correlation_of_rows(values) > SMOOTH;
-    // Late channels are no good predictors: the second pass leaves them out.
-    let first = lags_without(values, &covariance, &drives, &[], is_smooth);
-    let late: Vec<usize> = (0..channels).filter(|&channel| first.lags[channel] != 0).collect();
-    if late.is_empty() { first } else { lags_without(values, &covariance, &drives, &late, is_smooth) }
+    let first = lags_after(&vec![0; channels], values, &covariance, &drives, is_smooth);
+    let is_any_late = first.lags.iter().any(|lag| *lag != 0);
+    if is_any_late { lags_after(&first.lags, values, &covariance, &drives, is_smooth) } else { first }
 }
 
-/// The evidence for all channels, without the use of some as predictors.
-fn lags_without(
+/// The evidence for all channels, after lags that are known so far: late channels are no good predictors and are left out, and a
+/// lag of [`FEWEST_AGREED`] channels is that of the recording, of which others need less evidence.
+fn lags_after(
+    before: &[i32],
     values: &[Vec<f64>],
     covariance: &Mat<f64>,
     drives: &BTreeMap<[usize; 2], Vec<usize>>,
-    late: &[usize],
     is_smooth: bool,
 ) -> LagEvidence {
+    let channels = before.len();
+    let late: Vec<usize> = (0..channels).filter(|&channel| before[channel] != 0).collect();
+    let is_known = |lag: &i32| late.iter().filter(|&&channel| before[channel] == *lag).count() >= FEWEST_AGREED;
+    let known: Vec<i32> = LAGS.filter(is_known).collect();
     let found: Vec<(&Vec<usize>, Vec<Vec<f64>>)> = drives
         .values()
         .collect::<Vec<_>>()
         .into_par_iter()
         .map(|own| {
-            let components = components(values, covariance, &[own, late].concat());
+            let components = components(values, covariance, &[own.as_slice(), &late].concat());
             let by_lag: Vec<Vec<f64>> = LAGS.map(|lag| explained(values, &components, own, lag)).collect();
             (own, (0..own.len()).map(|k| by_lag.iter().map(|explained| explained[k]).collect()).collect())
         })
         .collect();
-    let channels = values[0].len();
-    let weak = WEAK.0 + WEAK.1 / (values.len() as f64).sqrt();
-    let mut lags = vec![0; channels];
-    let mut known: Vec<i32> = Vec::new();
-    // Twice: what the whole recording shows counts for each of its channels.
-    for _ in 0..2 {
-        for (own, explained) in &found {
-            let each: Vec<Evidence> = explained.iter().map(|explained| Evidence::of(explained)).collect();
-            own.iter().zip(decide(&each, weak, is_smooth, &known)).for_each(|(&channel, lag)| lags[channel] = lag);
-        }
-        known = LAGS
-            .filter(|lag| *lag != 0 && lags.iter().filter(|other| *other == lag).count() >= FEWEST_AGREED)
-            .collect();
-    }
-    let mut explained_of = vec![Vec::new(); channels];
+    let mut evidence = LagEvidence { explained: vec![Vec::new(); channels], lags: vec![0; channels] };
     for (own, explained) in found {
-        own.iter().zip(explained).for_each(|(&channel, explained)| explained_of[channel] = explained);
+        let each: Vec<Evidence> = explained.iter().map(|explained| Evidence::of(explained)).collect();
+        let lags = decide(&each, WEAK.0 + WEAK.1 / (values.len() as f64).sqrt(), is_smooth, &known);
+        for ((&channel, explained), lag) in own.iter().zip(explained).zip(lags) {
+            evidence.explained[channel] = explained;
+            evidence.lags[channel] = lag;
+        }
     }
-    LagEvidence { explained: explained_of, lags }
+    evidence
 }
 
 impl Evidence {
@@ -144,7 +139,7 @@ impl Evidence {
 }
 
 /// The lags of the channels of one drive: those of which no lag explains the part `weak` follow the majority of the
-/// others. `known` are lags of other channels of the recording.
+/// others. `known` are lags of the recording.
 fn decide(evidence: &[Evidence], weak: f64, is_smooth: bool, known: &[i32]) -> Vec<i32> {
     let is_strong = |one: &Evidence| one.best > weak;
     let own: Vec<i32> = evidence.iter().map(|one| if is_strong(one) { one.own_lag(RATIO) } else { 0 }).collect();

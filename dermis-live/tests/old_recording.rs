@@ -101,21 +101,11 @@ fn two_hundred_damaged_places_cost_the_chunks_that_they_touch() {
         .chunk_indexes
         .iter()
         .map(|index| {
-            let messages = summary.stream_chunk(&whole, index).unwrap().map(Result::unwrap);
-            let frames = messages
-                .filter(|message| message.channel.topic.ends_with("dermis/wire"))
-                .map(|frame| frame.data.into());
             let start = index.chunk_start_offset as usize;
+            let frames = frames(summary.stream_chunk(&whole, index).unwrap());
             (start..start + index.chunk_length as usize, frames.collect())
         })
         .collect();
-    let frames_of = |bytes: &[u8]| -> Vec<Vec<u8>> {
-        let messages = mcap::MessageStream::new(bytes).unwrap().map(Result::unwrap);
-        messages
-            .filter(|message| message.channel.topic.ends_with("dermis/wire"))
-            .map(|frame| frame.data.into())
-            .collect()
-    };
     let out = tempfile::tempdir().unwrap();
     let [damaged, repaired] = ["damaged.mcap", "repaired.mcap"].map(|name| out.path().join(name));
     let (mut lost, mut kept) = (0, 0);
@@ -131,7 +121,8 @@ fn two_hundred_damaged_places_cost_the_chunks_that_they_touch() {
         }
         std::fs::write(&damaged, &bytes).unwrap();
         let report = recover(&damaged, &repaired).unwrap_or_else(|error| panic!("{seed}, {start}+{length}: {error}"));
-        let rest: HashSet<Vec<u8>> = frames_of(&std::fs::read(&repaired).unwrap()).into_iter().collect();
+        let bytes = std::fs::read(&repaired).unwrap();
+        let rest: HashSet<Vec<u8>> = frames(mcap::MessageStream::new(&bytes).unwrap()).collect();
         std::fs::remove_file(&repaired).unwrap();
         let is_touched = |range: &Range<usize>| range.start < start + length && start < range.end;
         for (range, frames) in &chunks {
@@ -145,6 +136,12 @@ fn two_hundred_damaged_places_cost_the_chunks_that_they_touch() {
         assert!(is_told, "{seed}: the damage at {start}+{length} is not told: {report:?}");
     }
     println!("{kept} frames recovered, {lost} in damaged chunks");
+}
+
+/// The device's own messages.
+fn frames<'a>(messages: impl Iterator<Item = mcap::McapResult<mcap::Message<'a>>>) -> impl Iterator<Item = Vec<u8>> {
+    let messages = messages.map(Result::unwrap).filter(|message| message.channel.topic.ends_with("dermis/wire"));
+    messages.map(|message| message.data.into())
 }
 
 /// Two recordings joined to one file: the second one begins with its own state.

@@ -266,20 +266,22 @@ impl<'a> Plausibility<'a> {
         let (drives, drive_of) = self.protocol.drives();
         let block = count / drives.len().max(1);
         let is_even = drive_of.iter().enumerate().all(|(channel, &drive)| channel / block.max(1) == drive);
-        let rolled =
-            |frame: &Frame, by: usize| Frame((0..count).map(|channel| frame[(channel + by) % count]).collect());
-        let reversed = |frame: &Frame| Frame(frame.iter().rev().copied().collect());
+        let rolled = |by: usize| (0..count).map(|channel| (channel + by) % count).collect::<Vec<usize>>();
         let values = [(1, "one value earlier"), (count - 1, "one value later")];
-        let blocks = (1..drives.len()).filter(|_| is_even).map(|drive| (drive * block, drive));
-        let of_values = values.into_iter().map(|(by, text)| (by, text.to_string()));
-        let of_blocks = blocks.map(|(by, drive)| (by, format!("with the drives in turn from drive {drive} on")));
-        let of_rolls =
-            of_values.chain(of_blocks).map(|(by, text)| (rolled(baseline, by), rolled(&self.model, by), text));
-        let of_reverse = [(reversed(baseline), reversed(&self.model), "in reverse".to_string())];
-        let all = of_rolls.chain(of_reverse).filter_map(|(frame, model, text)| {
-            let better = self.agreement(&frame, &self.model);
-            let least_left = (1.0 - own).min(1.0 - self.agreement(&model, &self.model));
-            (better >= NAMED && 1.0 - better + ROUNDING <= FAR_MORE * least_left).then_some((better, text))
+        let of_values = values.map(|(by, text)| (rolled(by), text.to_string()));
+        let of_drives = (1..drives.len()).filter(|_| is_even).map(|drive| {
+            let text = format!("with the drives in turn from drive {drive} on");
+            (rolled(drive * block), text)
+        });
+        let reverse = ((0..count).rev().collect(), "in reverse".to_string());
+        let all = of_values.into_iter().chain(of_drives).chain([reverse]).filter_map(|(order, text)| {
+            let agreement = |frame: &Frame| {
+                let ordered = Frame(order.iter().map(|&channel| frame[channel]).collect());
+                self.agreement(&ordered, &self.model)
+            };
+            let better = Some(agreement(baseline)).filter(|better| *better >= NAMED)?;
+            let least_left = (1.0 - own).min(1.0 - agreement(&self.model));
+            (1.0 - better + ROUNDING <= FAR_MORE * least_left).then_some((better, text))
         });
         all.max_by(|a, b| a.0.total_cmp(&b.0))
     }

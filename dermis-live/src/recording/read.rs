@@ -54,7 +54,7 @@ impl Recording {
     /// # Errors
     /// A file that is not a recording of Dermis.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
-        Self::new(Messages::open(path)?, path)
+        Self::new(Messages::open(path)?)
     }
 
     /// Reads a recording of `length` bytes from any source; errors refer to it as `path`.
@@ -62,10 +62,10 @@ impl Recording {
     /// # Errors
     /// The same as [`open`](Self::open).
     pub fn from_reader(input: Box<dyn Read + Send>, length: u64, path: &Path) -> Result<Self, RecordError> {
-        Self::new(Messages::new(walk(input, length, path)?, path), path)
+        Self::new(Messages::new(walk(input, length, path)?, path))
     }
 
-    fn new(mut messages: Messages, path: &Path) -> Result<Self, RecordError> {
+    fn new(mut messages: Messages) -> Result<Self, RecordError> {
         let mut session = Session::default();
         let first = loop {
             match messages.next_item(&mut session)? {
@@ -75,7 +75,7 @@ impl Recording {
         };
         if session.version.is_empty() {
             return Err(RecordError::lacks(
-                path,
+                &messages.path,
                 "an MCAP file, but no recording of `dermis live`: it has no metadata record `dermis`",
             ));
         }

@@ -68,9 +68,8 @@ pub(super) struct Walk<R> {
     /// Whether another recording begins at this position.
     begins: bool,
     end: Option<End>,
-    /// Schemas and channels of the index, in reverse order, and whether they are needed: after a damaged part.
-    declared: Vec<Item>,
-    is_damaged: bool,
+    /// The records of the file's index, until a damaged part is found.
+    index: Vec<u8>,
 }
 
 impl<R: Read> Walk<R> {
@@ -87,8 +86,7 @@ impl<R: Read> Walk<R> {
             summary: false,
             begins: false,
             end: None,
-            declared: Vec::new(),
-            is_damaged: false,
+            index: Vec::new(),
         };
         let start = walk.source.take(MAGIC.len() as u64)?;
         Ok(match start {
@@ -100,9 +98,8 @@ impl<R: Read> Walk<R> {
     }
 
     /// With the [`index`] of the file, whose schemas and channels replace those that are lost in damaged parts.
-    pub(super) fn with_index(self, mut index: Vec<Item>) -> Self {
-        index.reverse();
-        Walk { declared: index, ..self }
+    pub(super) fn with_index(self, index: Vec<u8>) -> Self {
+        Walk { index, ..self }
     }
 
     /// Position of the record that contains the last item.
@@ -120,13 +117,13 @@ impl<R: Read> Walk<R> {
     /// # Errors
     /// A system error.
     pub(super) fn next(&mut self) -> std::io::Result<Option<Item>> {
-        if self.is_damaged
-            && let Some(item) = self.declared.pop()
-        {
-            return Ok(Some(item));
-        }
         let item = self.next_item()?;
-        self.is_damaged |= matches!(item, Some(Item::Damaged { .. }));
+        if matches!(item, Some(Item::Damaged { .. })) && !self.index.is_empty() {
+            // Its records are read next, before those that are left of the chunk.
+            let left = self.chunk.split_off(self.in_chunk);
+            self.chunk = [std::mem::take(&mut self.index), left].concat();
+            self.in_chunk = 0;
+        }
         Ok(item)
     }
 
@@ -275,41 +272,32 @@ impl<R: Read> Walk<R> {
     }
 }
 
-/// Schemas and channels of the index at the end of a file, which its checksum proves; none without one. The input is at its
-/// start again.
+/// The records of the index at the end of a file, which its checksum proves; none without one. The input is at its start again.
 ///
 /// # Errors
 /// A system error.
-pub(super) fn index(input: &mut (impl Read + Seek), length: u64) -> std::io::Result<Vec<Item>> {
-    /// The body of a footer, and what of the record its checksum leaves out.
+pub(super) fn index(input: &mut (impl Read + Seek), length: u64) -> std::io::Result<Vec<u8>> {
+    /// The body of a footer, and what of it the checksum leaves out.
     const FOOTER_BYTES: u64 = 20;
     const CRC_BYTES: usize = 4;
-    let whole_bytes = PREFIX_BYTES as u64 + FOOTER_BYTES + MAGIC.len() as u64;
-    let Some(footer_at) = length.checked_sub(whole_bytes) else { return Ok(Vec::new()) };
-    let mut end = Vec::new();
-    input.seek(SeekFrom::Start(footer_at))?;
-    input.by_ref().take(whole_bytes - MAGIC.len() as u64).read_to_end(&mut end)?;
-    let start = record_at(&end, 0).filter(|(kind, ..)| *kind == op::FOOTER).and_then(|(_, body, _)| Fields(body).u64());
-    let mut section = Vec::new();
-    if let Some(start) = start.filter(|start| (1..=footer_at).contains(start) && footer_at - start <= LONGEST_RECORD) {
-        input.seek(SeekFrom::Start(start))?;
-        input.by_ref().take(footer_at - start).read_to_end(&mut section)?;
-    }
+    let end_bytes = PREFIX_BYTES as u64 + FOOTER_BYTES + MAGIC.len() as u64;
+    let Some(footer_at) = length.checked_sub(end_bytes) else { return Ok(Vec::new()) };
+    let mut part = |from: u64, bytes: u64| {
+        let mut part = Vec::new();
+        input.seek(SeekFrom::Start(from))?;
+        input.take(bytes).read_to_end(&mut part).map(|_| part)
+    };
+    let footer = part(footer_at, PREFIX_BYTES as u64 + FOOTER_BYTES)?;
+    let start =
+        record_at(&footer, 0).filter(|(kind, ..)| *kind == op::FOOTER).and_then(|(_, body, _)| Fields(body).u64());
+    // 0: there is no index.
+    let bytes = start.filter(|start| *start > 0).and_then(|start| footer_at.checked_sub(start)).unwrap_or(0);
+    let records = part(footer_at - bytes, bytes.min(LONGEST_RECORD))?;
     input.seek(SeekFrom::Start(0))?;
-    let Some((proved, crc)) = end.split_last_chunk::<CRC_BYTES>() else { return Ok(Vec::new()) };
-    let mut checksum = crc32fast::Hasher::new();
-    checksum.update(&section);
-    checksum.update(proved);
-    if section.is_empty() || checksum.finalize() != u32::from_le_bytes(*crc) {
-        return Ok(Vec::new());
-    }
-    let (mut at, mut items) = (0, Vec::new());
-    while let Some((kind, body, next)) = record_at(&section, at) {
-        at = next;
-        items.extend((kind == op::SCHEMA || kind == op::CHANNEL).then(|| parse(kind, body).ok().flatten()).flatten());
-    }
-    items.sort_by_key(|item| matches!(item, Item::Channel(_)));
-    Ok(items)
+    let is_proved = footer
+        .split_last_chunk::<CRC_BYTES>()
+        .is_some_and(|(proved, crc)| crc32fast::hash(&[&records, proved].concat()) == u32::from_le_bytes(*crc));
+    Ok(if is_proved { records } else { Vec::new() })
 }
 
 /// Opcode and body of the record at a position, and the position after it; `None` without a complete record.
