@@ -4,11 +4,12 @@ use crate::calibration::Label;
 use crate::error::CalibrateError;
 use crate::gaussian_process::{GaussianProcess, Input};
 use crate::located::{REGION_SHARE, limit};
+use crate::matching;
 use crate::strength::{UnusedForces, force_range, has_force, ratio_spread, relative_deviation, relative_error};
 use dermis::contact::Contact;
 use dermis::detect::Detector;
 use dermis::frame::Frame;
-use dermis::geom::Surface;
+use dermis::geom::{Point3, Surface};
 use dermis::image::PixelSpace;
 use dermis::method::Method;
 use dermis::stats::{mean, quantile, sorted};
@@ -81,6 +82,9 @@ pub struct CorrectionQuality {
     pub mean_error_before_m: f64,
     /// Mean error of labels that the correction had not seen, m.
     pub mean_error_m: f64,
+    /// By how many standard deviations the labels are nearer to the strongest contacts of their own frames, without the
+    /// correction, than those of a random order; `None` in a correction of before this was stored.
+    pub evidence: Option<f64>,
     /// Mean relative error of the force, where forces are known.
     pub force_error: Option<f64>,
     /// Standard deviation over mean of the estimated over the true force.
@@ -108,7 +112,7 @@ impl Correction {
         labels: &[Label],
     ) -> Result<Self, CalibrateError> {
         let surface = &pixels.surface;
-        let found = find(surface, method, detector, frames, labels)?;
+        let (found, evidence) = find(surface, method, detector, frames, labels)?;
         if found.len() < FEWEST_FOUND {
             let (found, labels) = (found.len(), labels.len());
             return Err(CalibrateError::TooFewFound { method: method.name().into(), found, labels });
@@ -133,6 +137,7 @@ impl Correction {
             found: found.len(),
             mean_error_before_m: mean(&before_m),
             mean_error_m: mean(&left_m),
+            evidence: Some(evidence),
             force_error: force.as_ref().map(|(_, left)| relative_error(left)),
             force_spread: force.as_ref().map(|(_, left)| ratio_spread(left)),
         };
@@ -217,23 +222,32 @@ impl ForceCorrection {
     }
 }
 
-/// The labels that the method finds, each with the nearest contact.
+/// The labels that the method finds, each with the nearest contact; and the [evidence](matching::evidence) of all that
+/// have a contact, of the strongest one: the nearest one would make any label fit.
 fn find(
     surface: &Surface,
     method: &Method,
     detector: &Detector,
     frames: &[Frame],
     labels: &[Label],
-) -> Result<Vec<Found>, CalibrateError> {
-    let find = |label: &Label| {
-        let contacts = method.contacts(&frames[label.row], detector).map_err(dermis::Error::from)?;
+) -> Result<(Vec<Found>, f64), CalibrateError> {
+    let contacts = |label: &Label| {
+        let mut contacts = method.contacts(&frames[label.row], detector).map_err(dermis::Error::from)?;
+        contacts.retain(|contact| contact.strength > 0.0);
+        Ok((contacts, *label))
+    };
+    let contacts = labels.par_iter().map(contacts).collect::<Result<Vec<_>, CalibrateError>>()?;
+    let strongest = |(contacts, label): &(Vec<Contact>, Label)| {
+        let strongest = contacts.iter().max_by(|a, b| a.strength.total_cmp(&b.strength));
+        strongest.map(|contact| (contact.position_m, label.position_m))
+    };
+    let (estimates_m, labels_m): (Vec<Point3>, Vec<Point3>) = contacts.iter().filter_map(strongest).unzip();
+    let nearest = |(contacts, label): (Vec<Contact>, Label)| {
         let apart = |contact: &Contact| surface.distance_m(contact.position_m, label.position_m);
         let nearest = contacts.into_iter().min_by(|a, b| apart(a).total_cmp(&apart(b)));
-        let near = nearest.filter(|contact| apart(contact) <= GATE_M && contact.strength > 0.0);
-        Ok(near.map(|contact| Found { contact, label: *label, frame: label.row }))
+        nearest.filter(|contact| apart(contact) <= GATE_M).map(|contact| Found { contact, label, frame: label.row })
     };
-    let found = labels.par_iter().map(find).collect::<Result<Vec<Option<Found>>, CalibrateError>>()?;
-    Ok(found.into_iter().flatten().collect())
+    Ok((contacts.into_iter().filter_map(nearest).collect(), matching::evidence(&estimates_m, &labels_m)))
 }
 
 /// Number of features of a force.

@@ -6,6 +6,7 @@ use crate::error::CalibrateError;
 use crate::forward_map::{Hyperparameters, Samples, predict_left_out};
 use crate::locate::{Locator, Setup};
 use crate::located::Located;
+use crate::matching::evidence;
 use crate::posterior::{Posterior, fit_temperature};
 use crate::strength::{ForceLaw, Strength, amplitude_between, ratio_spread, relative_error};
 use crate::units::Change;
@@ -272,13 +273,17 @@ pub(crate) struct Validation {
 
 impl Validation {
     pub(crate) fn quality(&self, labels: &[Label], law: Option<&ForceLaw>) -> Quality {
-        let apart = |(located, label): (&Located, &Label)| distance(located.position_m, label.position_m);
-        let errors_m: Vec<f64> = self.located.iter().zip(labels).map(apart).collect();
+        let [located_m, labels_m]: [Vec<Point3>; 2] = [
+            self.located.iter().map(|located| located.position_m).collect(),
+            labels.iter().map(|label| label.position_m).collect(),
+        ];
+        let errors_m: Vec<f64> = located_m.iter().zip(&labels_m).map(|(a, b)| distance(*a, *b)).collect();
         let ratios = self.log_force_ratios(labels, law);
         Quality {
             labels: labels.len(),
             unlabelled: self.unlabelled,
             mean_error_m: mean(&errors_m),
+            evidence: Some(evidence(&located_m, &labels_m)),
             force_error: ratios.as_deref().map(relative_error),
             force_spread: ratios.as_deref().map(ratio_spread),
         }

@@ -31,25 +31,26 @@ pub struct Alternatives {
     pub uncalibrated: Option<(String, f64)>,
 }
 
-/// A calibration whose cross-validated error is more than this part of that of a guess has learned nothing of use.
-const USELESS: f64 = 0.8;
+/// Labels that are nearer to the places found from their frames than a random order of them by fewer standard
+/// deviations than this do not belong to the frames: one random order in 700 reaches it.
+const LEAST_EVIDENCE: f64 = 3.0;
 
 impl Alternatives {
-    /// Why a calibration with some mean error is of no use, if so.
-    pub fn reason(&self, mean_error_m: f64) -> Option<String> {
+    /// Why a calibration is of no use, if so.
+    pub fn reason(&self, fitted: &Fitted) -> Option<String> {
         let mm = |length_m: f64| format!("{:.1} mm", 1e3 * length_m);
-        if mean_error_m > USELESS * self.guess_m {
-            return Some(format!(
-                "the calibration locates presses that it has not seen to {}; always guessing the same place gives {}",
-                mm(mean_error_m),
-                mm(self.guess_m)
-            ));
+        let mean_error_m = fitted.mean_error_m();
+        let located = format!("the calibration locates presses that it has not seen to {}", mm(mean_error_m));
+        if mean_error_m > self.guess_m {
+            return Some(format!("{located}; always guessing the same place gives {}", mm(self.guess_m)));
         }
-        let (name, before_m) = self.uncalibrated.as_ref().filter(|(_, before_m)| *before_m < mean_error_m)?;
+        if let Some((name, before_m)) = self.uncalibrated.as_ref().filter(|(_, before_m)| *before_m < mean_error_m) {
+            return Some(format!("{located}; {name} without a calibration to {}", mm(*before_m)));
+        }
+        let evidence = fitted.evidence().filter(|&evidence| evidence < LEAST_EVIDENCE)?;
         Some(format!(
-            "the calibration locates presses that it has not seen to {}; {name} without a calibration to {}",
-            mm(mean_error_m),
-            mm(*before_m)
+            "the labels fit their frames no better than in a random order: by {evidence:.1} standard deviations, where \
+             {LEAST_EVIDENCE} are needed"
         ))
     }
 }
@@ -118,6 +119,14 @@ impl Fitted {
         match self {
             Fitted::ForwardMap(map) => map.quality().mean_error_m,
             Fitted::Correction(correction) => correction.quality().mean_error_m,
+        }
+    }
+
+    /// By how many standard deviations the labels fit their own frames better than in a random order.
+    pub fn evidence(&self) -> Option<f64> {
+        match self {
+            Fitted::ForwardMap(map) => map.quality().evidence,
+            Fitted::Correction(correction) => correction.quality().evidence,
         }
     }
 

@@ -21,6 +21,7 @@ mod gaussian_process;
 mod lags;
 mod locate;
 mod located;
+mod matching;
 mod method;
 mod minimize;
 mod places;

@@ -55,10 +55,11 @@ fn is_refused(skin: &Skin, twin: &str, labels: Labels, seed: u64) -> (bool, Stri
         Err(error) => return (true, error.to_string()),
     };
     let alternatives = Fitted::alternatives(&methods, skin, &differences, &labels, LabelFrame::Skin).unwrap();
-    let reason = alternatives.reason(fitted.mean_error_m());
+    let reason = alternatives.reason(&fitted);
     let text = format!(
-        "{count} labels, {:.1} mm, guess {:.1} mm, uncalibrated {:?}",
+        "{count} labels, {:.1} mm, evidence {:.1}, guess {:.1} mm, uncalibrated {:?}",
         1e3 * fitted.mean_error_m(),
+        fitted.evidence().unwrap_or(f64::NAN),
         1e3 * alternatives.guess_m,
         alternatives.uncalibrated
     );

@@ -86,7 +86,7 @@ fn unused_forces(fitted: &Fitted, labels: &[Label]) -> Option<String> {
 }
 
 fn correction_summary(correction: &Correction) -> Table {
-    let CorrectionQuality { labels, found, mean_error_before_m, mean_error_m, force_error, force_spread } =
+    let CorrectionQuality { labels, found, mean_error_before_m, mean_error_m, force_error, force_spread, .. } =
         *correction.quality();
     let mut table = Table::new(&["figure", "value"]);
     table.pair("corrected method", correction.method());
@@ -105,7 +105,7 @@ fn force_row(table: &mut Table, error: Option<f64>, spread: Option<f64>) {
 }
 
 fn map_summary(calibration: &Calibration) -> Table {
-    let Quality { labels, unlabelled, mean_error_m, force_error, force_spread } = *calibration.quality();
+    let Quality { labels, unlabelled, mean_error_m, force_error, force_spread, .. } = *calibration.quality();
     let mut table = Table::new(&["figure", "value"]);
     table.pair("labelled presses", labels);
     table.pair("unlabelled presses used", unlabelled);

@@ -96,7 +96,7 @@ impl Arguments {
         let used = if self.unlabelled { &frames[..] } else { &frames[..=last] };
         let fitted = fitted::fit(&skin, used, &labels, presses.frame(), method)?;
         let alternatives = fitted::alternatives(&skin, used, &labels, presses.frame())?;
-        if let Some(reason) = alternatives.reason(fitted.mean_error_m()) {
+        if let Some(reason) = alternatives.reason(&fitted) {
             let fix = "check that the labels belong to the frames, their rows, units and axes (dermis check-frames --truth), or \
                        label more presses";
             if !self.force {
