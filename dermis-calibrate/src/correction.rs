@@ -247,7 +247,8 @@ fn find(
         let nearest = contacts.into_iter().min_by(|a, b| apart(a).total_cmp(&apart(b)));
         nearest.filter(|contact| apart(contact) <= GATE_M).map(|contact| Found { contact, label, frame: label.row })
     };
-    Ok((contacts.into_iter().filter_map(nearest).collect(), matching::evidence(&estimates_m, &labels_m)))
+    let evidence = matching::evidence(&estimates_m, &labels_m, std::slice::from_ref(&(0..labels_m.len())));
+    Ok((contacts.into_iter().filter_map(nearest).collect(), evidence))
 }
 
 /// Number of features of a force.

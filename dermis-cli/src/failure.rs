@@ -219,13 +219,24 @@ impl From<dermis_live::LiveError> for Failure {
     fn from(error: dermis_live::LiveError) -> Self {
         match error {
             dermis_live::LiveError::Dermis(error) => error.into(),
-            dermis_live::LiveError::Sim(error) => (*error).into(),
             dermis_live::LiveError::Method(error) => (*error).into(),
             dermis_live::LiveError::Pipeline(error) => match *error {
                 dermis::pipeline::PipelineError::Method(error) => (*error).into(),
                 dermis::pipeline::PipelineError::Dermis(error) => (*error).into(),
                 error => Failure::given(error, None),
             },
+            error => Failure::given(error, None),
+        }
+    }
+}
+
+impl From<dermis_emulate::EmulateError> for Failure {
+    fn from(error: dermis_emulate::EmulateError) -> Self {
+        use dermis_emulate::EmulateError;
+        match error {
+            EmulateError::Dermis(error) => error.into(),
+            EmulateError::Sim(error) => (*error).into(),
+            EmulateError::Live(error) => (*error).into(),
             error => Failure::given(error, None),
         }
     }

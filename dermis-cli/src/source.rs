@@ -5,11 +5,11 @@ use crate::failure::{Failure, Outcome};
 use crate::range::number;
 use clap::Args;
 use dermis::design::SkinDesign;
+use dermis_emulate::emulator::Emulator;
 use dermis_live::device::Address;
-use dermis_live::emulator::Emulator;
 use dermis_live::recording::RecordingLimits;
 use dermis_live::sinks::viewer::{Server, ServerOptions};
-use dermis_live::{Control, Live, RecordingOptions};
+use dermis_live::{Control, Live, Pressable, RecordingOptions};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -70,7 +70,8 @@ impl SourceArguments {
             limits,
         };
         let source = if emulator.is_some() { self.emulator.summary() } else { self.source.clone() };
-        Ok(Control::new(Arc::clone(live.shared()), emulator, source, recordings))
+        let pressed = emulator.map(|emulator| emulator as Arc<dyn Pressable>);
+        Ok(Control::new(Arc::clone(live.shared()), pressed, source, recordings))
     }
 }
 

@@ -82,8 +82,8 @@ fn silent_and_foreign_devices_are_distinguished() {
 #[test]
 fn a_wrong_baud_rate_is_reported() {
     let at = Workplace::new();
-    let (port, path) = dermis_live::emulator::pseudo_terminal().unwrap();
-    let dermis_live::emulator::Port::Terminal { mut device, _host } = port else { panic!("a terminal") };
+    let (port, path) = dermis_emulate::emulator::pseudo_terminal().unwrap();
+    let dermis_emulate::emulator::Port::Terminal { mut device, _host } = port else { panic!("a terminal") };
     std::thread::spawn(move || {
         // Bytes at a wrong baud rate, as a UART reads them.
         while device.write_all(&[0xF8, 0x00, 0xFE, 0xE0, 0x80]).is_ok() {

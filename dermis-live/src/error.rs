@@ -9,9 +9,6 @@ pub enum LiveError {
     /// The skin itself: its design, model or method.
     #[error(transparent)]
     Dermis(#[from] dermis::Error),
-    /// A twin that cannot be built or pressed.
-    #[error(transparent)]
-    Sim(Box<dermis_sim::Error>),
     /// A method that does not exist or cannot be prepared.
     #[error(transparent)]
     Method(Box<dermis::method::MethodError>),
@@ -78,4 +75,4 @@ macro_rules! boxed {
     };
 }
 
-boxed!(Sim(dermis_sim::Error), Method(dermis::method::MethodError), Pipeline(dermis::pipeline::PipelineError));
+boxed!(Method(dermis::method::MethodError), Pipeline(dermis::pipeline::PipelineError));

@@ -2,15 +2,10 @@
 
 #![warn(unreachable_pub)]
 
-pub mod campaign;
 pub mod clock;
-pub mod conformance;
 pub mod device;
-pub mod emulator;
 mod error;
-pub mod firmware;
 pub mod guide;
-pub mod offline;
 pub mod recording;
 pub mod runtime;
 pub mod sinks;
@@ -18,7 +13,8 @@ pub mod sinks;
 pub use device::ScanTable;
 pub use error::LiveError;
 pub use runtime::{
-    ClientSession, Control, Event, Live, LiveFrame, LiveHandle, LiveOptions, Mailbox, Popped, RecordingOptions,
+    ClientSession, Control, Event, Live, LiveFrame, LiveHandle, LiveOptions, Mailbox, Popped, Pressable,
+    RecordingOptions,
 };
 
 #[cfg(test)]

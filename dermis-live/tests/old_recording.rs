@@ -32,7 +32,7 @@ fn is_near(a: &Value, b: &Value) -> bool {
 fn a_recording_of_an_earlier_version_replays_to_its_contacts() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/recordings");
     let expected = std::fs::read_to_string(folder.join("disk12.contacts.jsonl")).expect("its contacts");
-    let mut replay = Replay::open(&folder.join("disk12.mcap")).expect("a recording");
+    let mut replay = Replay::open(&folder.join("disk12.mcap"), &dermis_learn::methods(), None).expect("a recording");
     let (mut lines, mut contacts) = (expected.lines(), 0);
     while let Some(replayed) = replay.step().expect("frames that can be read") {
         let Replayed::Frame(frame) = replayed else { continue };
@@ -163,14 +163,14 @@ fn joined_recordings_replay_as_they_do_alone() {
     let recorder = Recorder::create(&other, skin.reference, &Session { design_toml, ..Session::default() }).unwrap();
     recorder.finish().unwrap();
     std::fs::write(&joined, [bytes, std::fs::read(&other).unwrap()].concat()).unwrap();
-    let mut replay = Replay::open(&joined).unwrap();
+    let mut replay = Replay::open(&joined, &dermis_learn::methods(), None).unwrap();
     let error = std::iter::from_fn(|| Some(replay.step())).find_map(Result::err).unwrap().to_string();
     assert!(error.contains("joined.mcap") && error.contains("another skin (`skin16`)"), "{error}");
 }
 
 /// The contacts of each frame, as JSON.
 fn contacts(path: &Path) -> Vec<String> {
-    let mut replay = Replay::open(path).unwrap();
+    let mut replay = Replay::open(path, &dermis_learn::methods(), None).unwrap();
     let steps = std::iter::from_fn(|| replay.step().unwrap());
     let frames = steps.filter_map(|replayed| match replayed {
         Replayed::Frame(frame) => Some(serde_json::to_string(&frame.result.contacts).unwrap()),

@@ -12,8 +12,9 @@ use dermis::pipeline::{
 };
 use dermis::skin;
 use dermis_calibrate::Calibration;
+use dermis_emulate::EmulateError;
+use dermis_emulate::emulator::{Emulator, EmulatorOptions, Script};
 use dermis_live::device::{Address, DeviceOptions};
-use dermis_live::emulator::{Emulator, EmulatorOptions, Script};
 use dermis_live::recording::{self, Player, Replayed};
 use dermis_live::runtime::{Event, LiveOptions, Mailbox, Popped};
 use dermis_live::{LiveError, LiveFrame};
@@ -390,7 +391,7 @@ impl Replay {
     fn new(py: Python<'_>, path: PathBuf, method: Option<&Bound<'_, PyAny>>) -> Outcome<Self> {
         let method = method_name(py, method)?;
         let replay = worker::run(py, "opening the recording", 1, |_| {
-            Ok(recording::Replay::with_model(&path, method.as_deref())?)
+            Ok(recording::Replay::open(&path, &dermis_learn::methods(), method.as_deref())?)
         })?;
         let skin = replay.skin().clone();
         Ok(Replay { replay: Mutex::new(replay), skin, path })
@@ -436,11 +437,21 @@ impl From<PipelineError> for Failure {
     }
 }
 
+impl From<EmulateError> for Failure {
+    fn from(error: EmulateError) -> Self {
+        match error {
+            EmulateError::Dermis(error) => error.into(),
+            EmulateError::Sim(error) => (*error).into(),
+            EmulateError::Live(error) => (*error).into(),
+            error => Failure::given(error),
+        }
+    }
+}
+
 impl From<LiveError> for Failure {
     fn from(error: LiveError) -> Self {
         match error {
             LiveError::Dermis(error) => error.into(),
-            LiveError::Sim(error) => (*error).into(),
             LiveError::Method(error) => (*error).into(),
             LiveError::Pipeline(error) => (*error).into(),
             error => Failure::given(error),

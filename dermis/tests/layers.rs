@@ -53,12 +53,14 @@ const CRATES: &[(&str, &[&str])] = &[
     ("dermis-study", &["dermis", "dermis-learn", "dermis-plot", "dermis-sim"]),
     ("dermis-wire", &[]),
     ("dermis-firmware", &["dermis-wire"]),
-    ("dermis-live", &["dermis", "dermis-firmware", "dermis-learn", "dermis-sim", "dermis-wire"]),
+    ("dermis-live", &["dermis", "dermis-wire"]),
+    ("dermis-emulate", &["dermis", "dermis-firmware", "dermis-live", "dermis-sim", "dermis-wire"]),
     (
         "dermis-cli",
         &[
             "dermis",
             "dermis-calibrate",
+            "dermis-emulate",
             "dermis-fabricate",
             "dermis-learn",
             "dermis-live",
@@ -70,7 +72,16 @@ const CRATES: &[(&str, &[&str])] = &[
     ),
     (
         "dermis-python",
-        &["dermis", "dermis-calibrate", "dermis-cli", "dermis-learn", "dermis-live", "dermis-plot", "dermis-sim"],
+        &[
+            "dermis",
+            "dermis-calibrate",
+            "dermis-cli",
+            "dermis-emulate",
+            "dermis-learn",
+            "dermis-live",
+            "dermis-plot",
+            "dermis-sim",
+        ],
     ),
     ("dermis-bench", &["dermis", "dermis-learn", "dermis-sim"]),
 ];

@@ -2,7 +2,7 @@
 
 #![no_main]
 
-#[path = "../../dermis-live/tests/page/mod.rs"]
+#[path = "../../dermis-emulate/tests/page/mod.rs"]
 mod live;
 #[path = "../src/page.rs"]
 mod page;

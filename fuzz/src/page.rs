@@ -1,4 +1,4 @@
-//! The function of the fuzz target of the page's messages; `dermis-live/tests/fuzz_page.rs` runs it on seeded mutations
+//! The function of the fuzz target of the page's messages; `dermis-emulate/tests/fuzz_page.rs` runs it on seeded mutations
 //! of valid ones.
 
 use dermis_live::ClientSession;

@@ -5,7 +5,7 @@ use crate::emulated::EmulatorArguments;
 use crate::failure::{Failure, Outcome};
 use clap::Args;
 use dermis::design::SkinDesign;
-use dermis_live::emulator::Port;
+use dermis_emulate::emulator::Port;
 use std::net::TcpListener;
 use std::sync::Arc;
 
@@ -70,7 +70,7 @@ fn bound(address: &str) -> Outcome<(TcpListener, String)> {
 #[cfg(unix)]
 fn pseudo_terminal() -> Outcome<(Port, String)> {
     let failed = |error: std::io::Error| Failure::given(format!("no pseudo terminal can be had: {error}"), None);
-    let (port, path) = dermis_live::emulator::pseudo_terminal().map_err(failed)?;
+    let (port, path) = dermis_emulate::emulator::pseudo_terminal().map_err(failed)?;
     Ok((port, format!("serial:{}", path.display())))
 }
 

@@ -8,7 +8,7 @@ use clap::Args;
 use dermis::frame::write_whole;
 use dermis::method::MethodSet;
 use dermis::skin::Skin;
-use dermis_live::campaign::{CampaignOptions, FaultKind, Score, run, scores};
+use dermis_emulate::campaign::{CampaignOptions, FaultKind, Score, run, scores};
 use dermis_plot::report::Table;
 use dermis_sim::twin::TwinOptions;
 use std::path::PathBuf;

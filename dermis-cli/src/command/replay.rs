@@ -31,7 +31,7 @@ pub struct Arguments {
 impl Arguments {
     /// Replays at full speed.
     pub fn run(self) -> Outcome {
-        let mut replay = Replay::with_model(&self.recording, self.method.as_deref())?;
+        let mut replay = Replay::open(&self.recording, &dermis_learn::methods(), self.method.as_deref())?;
         let name = replay.skin().design().name.clone();
         let waiting = Progress::waiting("replaying");
         let mut out = BufWriter::new(std::io::stdout().lock());

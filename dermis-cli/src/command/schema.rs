@@ -4,7 +4,7 @@ use crate::console::print_json;
 use crate::failure::Outcome;
 use clap::Args;
 use dermis::design::SkinDesign;
-use dermis_live::emulator::Script;
+use dermis_emulate::emulator::Script;
 use dermis_live::sinks::jsonl::FrameLine;
 use dermis_sim::twin::TwinOptions;
 

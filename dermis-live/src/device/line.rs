@@ -298,18 +298,6 @@ mod tests {
         assert!(why(ErrorKind::InvalidInput).contains("115200 bits a second"));
     }
 
-    #[cfg(unix)]
-    #[test]
-    fn a_port_has_one_program_at_a_time() {
-        let (_device, path) = crate::emulator::pseudo_terminal().unwrap();
-        let address = Address::Serial { port: path.display().to_string(), baud: 115_200 };
-        let first = open(&address).unwrap();
-        let error = open(&address).err().expect("taken").to_string();
-        assert!(error.contains("in use by another program"), "{error}");
-        drop(first);
-        open(&address).unwrap();
-    }
-
     #[test]
     fn a_port_that_is_not_there_is_named() {
         let error = open(&Address::parse("serial:/dev/nothing").unwrap()).err().unwrap().to_string();

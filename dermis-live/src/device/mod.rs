@@ -19,8 +19,7 @@ use clock::DeviceClock;
 pub use line::{Address, Line, PATIENCE, open};
 use meter::Meter;
 pub(crate) use rows::RowMessage;
-pub(crate) use scan::Role;
-pub use scan::{ScanTable, TooLarge};
+pub use scan::{Role, ScanTable, TooLarge};
 
 use crate::LiveError;
 use crate::device::handshake::{Handshake, send};

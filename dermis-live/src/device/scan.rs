@@ -13,7 +13,7 @@ pub struct ScanTable {
 
 /// Meaning of a slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Role {
+pub enum Role {
     /// The current of a drive, by its number.
     Current(usize),
     /// A channel, by its number.
@@ -50,7 +50,7 @@ impl ScanTable {
     }
 
     /// The meaning of each slot.
-    pub(crate) fn roles(&self) -> &[Role] {
+    pub fn roles(&self) -> &[Role] {
         &self.roles
     }
 

@@ -9,10 +9,9 @@ use crate::recording::{Event, RecordError, Recorded, Recording, Session};
 use crate::runtime::LiveFrame;
 use crate::runtime::{Event as LiveEvent, LiveHandle, WorkItem, process};
 use dermis::design::SkinDesign;
-use dermis::method::{Method, MethodSet};
+use dermis::method::{Method, MethodSet, Methods};
 use dermis::pipeline::{Command, Notice, Pipeline, Severity, State, Timestamp};
 use dermis::skin::Skin;
-use dermis_learn::Card;
 use dermis_wire::ToHost;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -140,8 +139,10 @@ fn unreadable(path: &Path, what: &str, why: impl std::fmt::Display) -> LiveError
 /// The name in this run of a network that the recording refers to by `name`, identified by its card.
 fn network(path: &Path, session: &Session, methods: &MethodSet, name: &str) -> Result<String, LiveError> {
     let Some(recorded) = &session.model_card_json else { return Ok(name.into()) };
-    let card = serde_json::from_str::<Card>(recorded).ok().and_then(|card| serde_json::to_string_pretty(&card).ok());
-    let is_it = |method: &Method| method.card().is_some() && method.card() == card.as_deref();
+    // As values: the text of a number or the order of fields is no difference.
+    let value = |card: &str| serde_json::from_str::<serde_json::Value>(card).ok();
+    let card = value(recorded);
+    let is_it = |method: &Method| card.is_some() && method.card().and_then(value) == card;
     if methods.method(name).is_ok_and(is_it) {
         return Ok(name.into());
     }
@@ -185,23 +186,16 @@ pub enum Replayed {
 }
 
 impl Replay {
-    /// Opens a recording and prepares its skin.
+    /// Opens a recording and prepares its skin with a registry of methods. `model` is the folder of the network of the
+    /// recording, unless it is one of the registry's own.
     ///
     /// # Errors
-    /// A file that is not a recording; a design or a state that this version cannot read; a network that this version
-    /// lacks.
-    pub fn open(path: &Path) -> Result<Self, LiveError> {
-        Self::with_model(path, None)
-    }
-
-    /// The same with a network; `model` is the folder of the network of the recording, unless it is a shipped one.
-    ///
-    /// # Errors
-    /// The same as [`open`](Self::open); a network that differs from that of the recording.
-    pub fn with_model(path: &Path, model: Option<&str>) -> Result<Self, LiveError> {
+    /// A file that is not a recording; a design or a state that this version cannot read; a network that the registry
+    /// lacks, or that differs from that of the recording.
+    pub fn open(path: &Path, methods: &Methods, model: Option<&str>) -> Result<Self, LiveError> {
         let recording = Recording::open(path)?;
         let skin = Skin::parse(&recording.session.design_toml, "design.toml")?;
-        let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin, model)?);
+        let methods = Arc::new(MethodSet::new(methods, skin, model)?);
         let (reader, _, state) = RecordingReader::new(path, recording, Arc::clone(&methods))?;
         Ok(Replay { reader, pipeline: Pipeline::resume(methods, state)? })
     }

@@ -2,7 +2,6 @@
 
 use crate::LiveError;
 use crate::clock;
-use crate::emulator::Emulator;
 use crate::guide::{Guide, GuideAction};
 use crate::recording::{RecordingLimits, RecordingSink, RecordingStatus};
 use crate::runtime::{LiveHandle, RateLimit};
@@ -64,10 +63,22 @@ pub(crate) enum Request {
     },
 }
 
+/// An emulated skin that pages press.
+pub trait Pressable: Send + Sync {
+    /// Presses with a finger by its number, or moves it.
+    ///
+    /// # Errors
+    /// A press that the skin cannot take.
+    fn press(&self, finger: u32, centre_m: Point3, force_n: f64) -> Result<(), LiveError>;
+
+    /// Lifts a finger.
+    fn release(&self, finger: u32);
+}
+
 /// A skin being read with its emulator and its recording: receives the requests of pages and programs.
 pub struct Control {
     shared: Arc<LiveHandle>,
-    emulator: Option<Arc<Emulator>>,
+    emulator: Option<Arc<dyn Pressable>>,
     guide: Option<Arc<Guide>>,
     source: String,
     recording_options: RecordingOptions,
@@ -96,7 +107,7 @@ impl Control {
     /// Controls a skin being read; `source` describes where its frames come from.
     pub fn new(
         shared: Arc<LiveHandle>,
-        emulator: Option<Arc<Emulator>>,
+        emulator: Option<Arc<dyn Pressable>>,
         source: String,
         recording_options: RecordingOptions,
     ) -> Self {
@@ -128,9 +139,9 @@ impl Control {
         &self.shared
     }
 
-    /// The emulated device, where there is one in this program.
-    pub fn emulator(&self) -> Option<&Arc<Emulator>> {
-        self.emulator.as_ref()
+    /// Whether pages can press the skin.
+    pub fn is_pressable(&self) -> bool {
+        self.emulator.is_some()
     }
 
     /// Description of where frames come from.

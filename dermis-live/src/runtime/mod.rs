@@ -28,7 +28,7 @@ mod mailbox;
 mod notice_limit;
 mod pipeline_thread;
 
-pub use control::{ClientSession, Control, RecordingOptions};
+pub use control::{ClientSession, Control, Pressable, RecordingOptions};
 pub use frame::LiveFrame;
 pub use handle::LiveHandle;
 pub use mailbox::{Mailbox, Popped};

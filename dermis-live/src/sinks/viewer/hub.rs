@@ -188,7 +188,7 @@ impl Hub {
         let methods = shared.methods();
         let quantity = methods.method(&method).map_or(Quantity::Change, |method| method.reconstruct().quantity());
         let names: Vec<String> = methods.names().map(str::to_string).collect();
-        let text = scene(shared.skin(), quantity, &names, self.control.emulator().is_some()).to_string();
+        let text = scene(shared.skin(), quantity, &names, self.control.is_pressable()).to_string();
         self.method = method;
         self.board.scene.send_replace(Arc::new(text));
     }

@@ -1,0 +1,43 @@
+//! A live skin with an emulated device, for the tests of page requests.
+
+use dermis::method::MethodSet;
+use dermis::pipeline::Settings;
+use dermis::skin::Skin;
+use dermis_emulate::emulator::{Emulator, EmulatorOptions, Port, Script, TimedFault};
+use dermis_live::device::Address;
+use dermis_live::{Control, Live, LiveOptions, RecordingOptions};
+use dermis_sim::twin::TwinOptions;
+use std::net::TcpListener;
+use std::path::Path;
+use std::sync::Arc;
+
+/// A skin being read; recordings are written to a folder.
+pub fn live(folder: &Path) -> (Live, Arc<Control>) {
+    let (live, control, _) = live_with(folder, Vec::new());
+    (live, control)
+}
+
+/// The same with a device that has faults, and the device.
+pub fn live_with(folder: &Path, faults: Vec<TimedFault>) -> (Live, Arc<Control>, Arc<Emulator>) {
+    let methods = MethodSet::new(&dermis_learn::methods(), Skin::load("skin16").unwrap(), None).unwrap();
+    let options = EmulatorOptions {
+        twin: TwinOptions::shipped("lab").unwrap(),
+        seed: 1,
+        script: Script::default(),
+        faults,
+        speed: 1.0,
+        prerendered: 0,
+        unpaced: false,
+    };
+    let emulator = Emulator::new(methods.skin().design(), options).unwrap();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = Address::Tcp(listener.local_addr().unwrap().to_string());
+    let served = Arc::clone(&emulator);
+    std::thread::spawn(move || served.serve(Port::Tcp(listener)).unwrap());
+    let options = LiveOptions { address, device: Default::default(), settings: Settings::default(), state: None };
+    let live = Live::start(Arc::new(methods), options).unwrap();
+    live.begin();
+    let tapes = RecordingOptions { folder: folder.into(), ..Default::default() };
+    let control = Arc::new(Control::new(Arc::clone(live.shared()), Some(emulator.clone()), "emulator".into(), tapes));
+    (live, control, emulator)
+}
