@@ -2,10 +2,8 @@
 
 use crate::input::Input;
 use crate::network::Architecture;
-use crate::samples::{Noise, Target};
-use crate::train::{Epoch, TrainOptions};
+use crate::options::{Epoch, Noise, Target, TrainOptions};
 use dermis::detect::DetectOptions;
-use dermis_sim::dataset::Recipe;
 use serde::{Deserialize, Serialize};
 
 /// The complete description of a model without its weights: `card.json` in its folder.
@@ -67,8 +65,8 @@ pub struct SkinRecord {
 pub struct DataRecord {
     /// The dataset's identity.
     pub identity: String,
-    /// The distributions of its samples.
-    pub recipe: Recipe,
+    /// The distributions of its samples: a recipe, as its TOML file has it.
+    pub recipe: serde_json::Value,
 }
 
 /// The record of a training.

@@ -10,6 +10,7 @@ pub enum LearnError {
     #[error(transparent)]
     Dermis(#[from] dermis::Error),
     /// A dataset, a twin or a touch that cannot be used.
+    #[cfg(feature = "train")]
     #[error(transparent)]
     Sim(Box<dermis_sim::Error>),
     /// An invalid option of training.
@@ -72,6 +73,7 @@ impl LearnError {
     }
 }
 
+#[cfg(feature = "train")]
 // Boxed: its paths and values would make every result of the crate larger.
 impl From<dermis_sim::Error> for LearnError {
     fn from(error: dermis_sim::Error) -> Self {
@@ -79,6 +81,7 @@ impl From<dermis_sim::Error> for LearnError {
     }
 }
 
+#[cfg(feature = "train")]
 impl From<dermis_sim::dataset::DatasetError> for LearnError {
     fn from(error: dermis_sim::dataset::DatasetError) -> Self {
         dermis_sim::Error::from(error).into()

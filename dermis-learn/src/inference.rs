@@ -1,12 +1,11 @@
 //! A network prepared for inference: normalisation folded into the adjacent layers, memory allocated once.
 
 use crate::input::Input;
-use crate::kernel::conv2d::Last;
+use crate::kernel::conv2d::{Last, convolve, pack};
 use crate::kernel::matrix::{RowProduct, add_product};
 use crate::kernel::run;
 use crate::network::{BatchNorm, Dense, Kind, Network, Refinement};
-use crate::samples::Target;
-use crate::train_pass::{convolve, pack};
+use crate::options::Target;
 use rayon::prelude::*;
 use std::sync::Mutex;
 
@@ -198,11 +197,11 @@ impl Dense {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "train"))]
 mod tests {
     use super::*;
     use crate::network::Architecture;
-    use crate::train_pass::Pass;
+    use crate::training::pass::Pass;
 
     fn filled(count: usize, step: f32) -> Vec<f32> {
         (0..count).map(|at| (at as f32 * step).sin()).collect()

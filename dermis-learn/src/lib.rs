@@ -1,9 +1,10 @@
-//! Neural networks that reconstruct images of touch from the frames of a skin: architecture, training and inference.
+//! Neural networks that reconstruct images of touch from the frames of a skin: architecture, inference and, with the
+//! feature `train`, training.
 
 #![warn(unreachable_pub)]
+#![cfg_attr(not(feature = "train"), expect(dead_code, reason = "the backward passes of the kernels are for training"))]
 
 mod card;
-mod checkpoint;
 mod error;
 mod inference;
 mod input;
@@ -12,14 +13,10 @@ mod methods;
 mod model;
 mod network;
 mod onnx;
-mod preset;
-mod samples;
+mod options;
 mod shipped;
-mod source;
-mod symmetry;
 mod tensors;
-mod train;
-mod train_pass;
+#[cfg(feature = "train")]
 mod training;
 
 pub use card::{Card, DataRecord, SkinRecord, TrainingRecord};
@@ -29,11 +26,11 @@ pub use input::Input;
 pub use methods::methods;
 pub use model::Model;
 pub use network::{Architecture, LayerSpec, Network, RefinementSpec, Tensor};
-pub use preset::{Ablation, TrainingPreset};
-pub use samples::{Augmentation, DomainRandomization, Noise, Samples, Target};
+pub use options::{DomainRandomization, Epoch, Noise, Schedule, Target, TrainOptions};
 pub use shipped::files as shipped_files;
-pub use source::{Files, Part, Source, Streamed};
-pub use symmetry::Symmetries;
 pub use tensors::Precision;
-pub use train::{Epoch, Schedule, TrainOptions, Trainer};
-pub use training::{Training, TrainingData};
+#[cfg(feature = "train")]
+pub use training::{
+    Ablation, Augmentation, Files, Part, Samples, Source, Streamed, Symmetries, Trainer, Training, TrainingData,
+    TrainingPreset,
+};

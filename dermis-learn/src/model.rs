@@ -5,7 +5,7 @@ use crate::card::{Card, SkinRecord};
 use crate::inference::Inference;
 use crate::input::Input;
 use crate::network::Network;
-use crate::samples::Target;
+use crate::options::Target;
 use crate::shipped;
 use crate::tensors::Precision;
 use dermis::detect::DetectOptions;

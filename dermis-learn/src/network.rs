@@ -389,3 +389,16 @@ impl Network {
         values
     }
 }
+
+impl Refinement {
+    pub(crate) fn channels_in(&self) -> usize {
+        self.convolutions[0].channels[0]
+    }
+
+    /// Bordered images: the input of each convolution, then the last one's output.
+    pub(crate) fn pictures(&self) -> Vec<Vec<f32>> {
+        let first = std::iter::once(self.channels_in());
+        let channels = first.chain(self.convolutions.iter().map(|one| one.channels[1]));
+        channels.map(|channels| vec![0.0; self.shape.bordered(channels)]).collect()
+    }
+}

@@ -192,7 +192,7 @@ fn batch_of<'py>(py: Python<'py>, samples: &[Read], with_image: bool) -> Outcome
     for (rows, (sample, _)) in touches.chunks_exact_mut((most * TOUCH).max(1)).zip(samples) {
         for (row, touch) in rows.chunks_exact_mut(TOUCH).zip(&sample.touches) {
             row[..3].copy_from_slice(&touch.centre_m);
-            row[3] = Target::size(touch);
+            row[3] = touch.size();
         }
     }
     let touches: Bound<'py, PyArray3<f32>> = PyArray1::from_vec(py, touches).reshape([samples.len(), most, TOUCH])?;

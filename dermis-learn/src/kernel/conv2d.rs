@@ -4,6 +4,8 @@
 //! at the sides are copies of the opposite end if the columns are periodic, else zero. With the border filled, every
 //! pixel is computed in the same way.
 
+use crate::kernel::run;
+use crate::network::CHANNELS_TOGETHER;
 use pulp::{Simd, WithSimd};
 
 /// Taps of a convolution.
@@ -333,10 +335,34 @@ impl<S: Simd> TapGradient<'_, S> {
     }
 }
 
+/// In the order of [`Wide`] if there are many output channels, else of [`Narrow`].
+pub(crate) fn pack(weight: &[f32], [from, to]: [usize; 2]) -> Vec<f32> {
+    if to.is_multiple_of(CHANNELS_TOGETHER) {
+        return weight.to_vec();
+    }
+    (0..to * TAPS * from).map(|at| weight[at % (TAPS * from) * to + at / (TAPS * from)]).collect()
+}
+
+/// One convolution of a bordered image, by the suitable kernel.
+pub(crate) fn convolve(
+    shape: Shape,
+    channels: [usize; 2],
+    weight: &[f32],
+    bias: Option<&[f32]>,
+    input: &[f32],
+    output: &mut [f32],
+    last: Last<'_>,
+) {
+    match channels[1].is_multiple_of(CHANNELS_TOGETHER) {
+        true => run(Wide { shape, input, channels, weight, bias, output, last }),
+        false => run(Narrow { shape, input, channels, weight, bias, output }),
+    }
+    shape.fill_border(output, channels[1]);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernel::run;
 
     fn filled(count: usize, step: f32) -> Vec<f32> {
         (0..count).map(|at| (at as f32 * step).sin()).collect()

@@ -3,9 +3,9 @@
 //! Loops over vectors are `pulp::WithSimd` implementations, compiled for every instruction set and selected at run
 //! time.
 
-pub(crate) mod adam;
 pub(crate) mod conv2d;
 pub(crate) mod matrix;
+#[cfg(feature = "train")]
 pub(crate) mod norm;
 
 /// Runs an operation with the best instruction set of this machine.

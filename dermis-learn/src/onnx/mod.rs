@@ -12,7 +12,7 @@ use crate::inference::{Folded, fold};
 use crate::input::Input;
 use crate::model::Model;
 use crate::network::{Network, Refinement};
-use crate::samples::Target;
+use crate::options::Target;
 use graph::{Attribute, Graph};
 
 /// The end of a slice that goes to the end.

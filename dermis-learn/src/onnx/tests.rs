@@ -5,7 +5,7 @@ use crate::inference::Inference;
 
 use crate::input::Input;
 use crate::network::{Architecture, Network};
-use crate::samples::Target;
+use crate::options::Target;
 use dermis::frame::write_array;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

@@ -1,10 +1,12 @@
 //! Recordings: one MCAP file for ROS tools, Foxglove and Rerun, with all data that a replay needs.
 //!
 //! A [`Recorder`] writes frames as they arrive; [`Recording`] reads a file, complete or truncated; [`recover`] repairs
-//! a truncated recording; [`convert`] converts one to tables. The format is described in `docs/recording.md`.
+//! a truncated recording; `convert` converts one to tables. The format is described in `docs/recording.md`.
 
+#[cfg(feature = "convert")]
 mod convert;
 mod event;
+#[cfg(feature = "convert")]
 mod npz;
 mod parts;
 mod read;
@@ -16,6 +18,7 @@ mod source;
 mod walk;
 mod write;
 
+#[cfg(feature = "convert")]
 pub use convert::{Converted, convert};
 pub use event::Event;
 pub use parts::RecordingLimits;

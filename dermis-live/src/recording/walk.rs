@@ -356,6 +356,7 @@ fn unpacked(header: &ChunkHeader, records: &[u8]) -> (Vec<u8>, Result<(), String
             })
             .map(drop)
             .map_err(|error| format!("a chunk cannot be unpacked ({error})")),
+        #[cfg(feature = "convert")]
         "lz4" => lz4_flex::frame::FrameDecoder::new(records)
             .take(header.unpacked_bytes.min(LONGEST_RECORD))
             .read_to_end(&mut all)

@@ -5,7 +5,6 @@ use crate::runtime::LiveFrame;
 use crate::runtime::{Event, LiveHandle};
 use crate::runtime::{Mailbox, Popped};
 use dermis::pipeline::{Timestamp, TrackedContact, Validity};
-use schemars::JsonSchema;
 use serde::Serialize;
 use std::io::{BufWriter, Write};
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
@@ -14,8 +13,9 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// One frame as a line of JSON. Lengths in m, forces in N, times in nanoseconds since 1970; unknown values are `null`.
-#[derive(Debug, Serialize, JsonSchema)]
-#[schemars(title = "Dermis live frame")]
+#[derive(Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(title = "Dermis live frame"))]
 pub struct FrameLine<'a> {
     /// Number of the frame since the device was powered up.
     pub sequence: u64,
@@ -65,6 +65,7 @@ impl<'a> FrameLine<'a> {
     }
 
     /// Its JSON schema.
+    #[cfg(feature = "schema")]
     pub fn json_schema() -> serde_json::Value {
         schemars::schema_for!(FrameLine<'static>).to_value()
     }

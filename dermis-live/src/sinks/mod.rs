@@ -2,8 +2,9 @@
 
 pub mod jsonl;
 pub mod ros2;
+#[cfg(feature = "viewer")]
 pub mod viewer;
 pub mod watchdog;
 
-#[cfg(test)]
+#[cfg(all(test, feature = "schema"))]
 mod tests;

@@ -13,7 +13,6 @@
 
 use crate::LiveError;
 use crate::runtime::{Event, LiveFrame, LiveHandle, Popped};
-use schemars::JsonSchema;
 use serde::Serialize;
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 use std::sync::Arc;
@@ -21,7 +20,8 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// The contents of a datagram, as JSON.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Heartbeat {
     /// Number of the frame since the device was powered up.
     pub sequence: u64,

@@ -53,6 +53,11 @@ pub const TOUCH_COLUMNS: usize = 6;
 pub type TouchRow = [f32; TOUCH_COLUMNS];
 
 impl SampleTouch {
+    /// Its size: the force of a press (N), the strength of a Gaussian touch (cm2).
+    pub fn size(&self) -> f32 {
+        self.force_n().unwrap_or(self.strength_m2 * 1e4)
+    }
+
     /// The force of a press, N; `None` for a Gaussian touch.
     pub fn force_n(&self) -> Option<f32> {
         match self.kind {

@@ -1,8 +1,9 @@
 //! The data needed to continue an interrupted training.
 
 use crate::LearnError;
+use crate::options::{Epoch, TrainOptions};
 use crate::tensors::{self, Named, Precision};
-use crate::train::{Epoch, State, TrainOptions};
+use crate::training::trainer::State;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::Path;

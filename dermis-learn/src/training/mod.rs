@@ -1,14 +1,26 @@
 //! A training: a skin, a preset and samples, put together in one way for every program that trains.
 
+mod adam;
+mod checkpoint;
+pub(crate) mod pass;
+mod preset;
+mod samples;
+mod source;
+mod symmetry;
+mod trainer;
+
+pub use preset::{Ablation, TrainingPreset};
+pub use samples::{Augmentation, Samples};
+pub use source::{Files, Part, Source, Streamed};
+pub use symmetry::Symmetries;
+pub use trainer::Trainer;
+
 use crate::LearnError;
 use crate::card::{SkinRecord, TrainingRecord};
 use crate::input::Input;
 use crate::model::Model;
 use crate::network::Network;
-use crate::preset::TrainingPreset;
-use crate::samples::Samples;
-use crate::source::{Files, Part, Source, Streamed};
-use crate::train::{Epoch, Trainer};
+use crate::options::Epoch;
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::image::PixelSpace;

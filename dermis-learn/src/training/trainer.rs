@@ -1,15 +1,15 @@
 //! Training: epochs of gradient descent steps, until the test loss stops decreasing.
 
 use crate::LearnError;
-use crate::checkpoint;
 use crate::input::Input;
-use crate::kernel::adam::{AdamOptions, AdamStep};
 use crate::kernel::run;
 use crate::network::{Architecture, Network};
-use crate::samples::{Augmentation, Samples};
-use crate::train_pass::{Batch, Pass};
+use crate::options::{Epoch, TrainOptions};
+use crate::training::adam::{AdamOptions, AdamStep};
+use crate::training::checkpoint;
+use crate::training::pass::{Batch, Pass};
+use crate::training::samples::{Augmentation, Samples};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Instant;
 
@@ -19,93 +19,6 @@ const NORMALISE_BY: usize = 20_000;
 const STEP_TOGETHER: usize = 1 << 15;
 /// The random streams from here on are for noise of the test samples, those below for the training samples.
 const TEST_STREAMS: u64 = 1 << 62;
-
-/// Training options.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct TrainOptions {
-    /// Samples per step.
-    pub batch: usize,
-    /// Maximum number of epochs.
-    pub epochs: usize,
-    /// Samples per epoch; all of them by default.
-    pub epoch_samples: Option<usize>,
-    /// Learning rate of Adam.
-    pub rate: f32,
-    /// Learning rate schedule.
-    pub schedule: Schedule,
-    /// The seed of weights, order and noise.
-    pub seed: u64,
-    /// Training ends when the smallest test loss has not decreased by this fraction...
-    pub least_gain: f64,
-    /// ... in this many epochs.
-    pub patience: usize,
-}
-
-/// Learning rate schedule.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Schedule {
-    /// Constant.
-    Constant,
-    /// Half a cosine, to zero at the end of the last epoch (Loshchilov and Hutter, 2017, arXiv 1608.03983, Eq. 5).
-    Cosine,
-}
-
-impl Default for TrainOptions {
-    /// The paper's minibatch, Keras' learning rate; training ends if the test loss has not decreased by 0.5 % in 5
-    /// epochs.
-    fn default() -> Self {
-        TrainOptions {
-            batch: 360,
-            epochs: 40,
-            epoch_samples: None,
-            rate: 1e-3,
-            schedule: Schedule::Constant,
-            seed: 1,
-            least_gain: 0.005,
-            patience: 5,
-        }
-    }
-}
-
-impl TrainOptions {
-    /// Whether all epochs are finished, or the test loss has stopped decreasing.
-    pub fn is_done(&self, epochs: &[Epoch]) -> bool {
-        let least = |epochs: &[Epoch]| epochs.iter().map(|epoch| epoch.test_loss).fold(f64::INFINITY, f64::min);
-        let before = epochs.len().saturating_sub(self.patience);
-        let stands = before > 0 && least(&epochs[before..]) > (1.0 - self.least_gain) * least(&epochs[..before]);
-        // With a decreasing learning rate the best loss is reached at the end.
-        epochs.len() >= self.epochs || stands && self.schedule == Schedule::Constant
-    }
-
-    /// Steps per epoch, for a number of training samples.
-    pub fn steps_per_epoch(&self, samples: usize) -> usize {
-        (self.epoch_samples.unwrap_or(usize::MAX).min(samples) / self.batch).max(1)
-    }
-
-    /// The learning rate of a step, numbered from 1.
-    pub fn rate_at(&self, step: u64, steps_per_epoch: usize) -> f32 {
-        match self.schedule {
-            Schedule::Constant => self.rate,
-            Schedule::Cosine => {
-                let part = (step as f64 / (steps_per_epoch * self.epochs) as f64).min(1.0);
-                (f64::from(self.rate) * 0.5 * (1.0 + (std::f64::consts::PI * part).cos())) as f32
-            }
-        }
-    }
-}
-
-/// A finished epoch.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Epoch {
-    /// Mean square error over the steps, on disturbed inputs, while the weights change.
-    pub training_loss: f64,
-    /// Mean square error on the test samples after the epoch, with the same disturbances.
-    pub test_loss: f64,
-    /// Its duration, s.
-    pub seconds: f64,
-}
 
 /// A network during training.
 #[derive(Debug)]

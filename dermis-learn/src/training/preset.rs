@@ -3,9 +3,9 @@
 use crate::card::{Card, DataRecord, SkinRecord, TrainingRecord};
 use crate::input::Input;
 use crate::network::{Architecture, LayerSpec};
-use crate::samples::{DomainRandomization, Noise, Target};
-use crate::symmetry::Symmetries;
-use crate::train::{Schedule, TrainOptions};
+use crate::options::{DomainRandomization, Noise, Target};
+use crate::options::{Schedule, TrainOptions};
+use crate::training::symmetry::Symmetries;
 use dermis::design::SkinDesign;
 use dermis::detect::DetectOptions;
 use dermis::geom::Surface;
@@ -76,7 +76,7 @@ impl TrainingPreset {
     pub fn card(&self, skin: SkinRecord, input: &Input, data: &[Dataset], training: TrainingRecord) -> Card {
         let record = |dataset: &Dataset| DataRecord {
             identity: dataset.manifest().identity.clone(),
-            recipe: dataset.manifest().record.recipe.clone(),
+            recipe: serde_json::json!(dataset.manifest().record.recipe),
         };
         Card {
             format: Card::FORMAT.into(),

@@ -2,9 +2,10 @@
 
 use crate::LearnError;
 use crate::input::Input;
-use crate::preset::TrainingPreset;
-use crate::source::Source;
-use crate::symmetry::Symmetries;
+use crate::options::{DomainRandomization, Noise, Target};
+use crate::training::preset::TrainingPreset;
+use crate::training::source::Source;
+use crate::training::symmetry::Symmetries;
 use dermis::forward::ForwardModel;
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
@@ -14,88 +15,9 @@ use dermis_sim::random::{Normal, sample_rng};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 /// The random streams from here on are for the domain randomization of the samples that inputs are normalised by.
 const TYPICAL_STREAMS: u64 = 3 << 61;
-
-/// The target image of a network.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Target {
-    /// The mean relative change of conductance of each pixel.
-    Conductance,
-    /// Every touch as a Gaussian of this standard deviation (m), its height the square root of the touch's size: the
-    /// force of a press (N), the strength of a Gaussian touch (in cm2). The image is the square of the network's output
-    /// with its sign. For scale-free inputs ([`Input::scale_free`]), the height is the square root of the touch's
-    /// fraction of the total size of all touches, and the image is that times the frame's size.
-    Touches {
-        /// Standard deviation, m.
-        width_m: f64,
-    },
-}
-
-impl Target {
-    /// The size of a touch: the force of a press (N), the strength of a Gaussian touch (cm2).
-    pub fn size(touch: &SampleTouch) -> f32 {
-        touch.force_n().unwrap_or(touch.strength_m2 * 1e4)
-    }
-
-    /// A pixel of the image from the network's output.
-    pub fn image(&self, output: f32) -> f32 {
-        match self {
-            Target::Conductance => output,
-            Target::Touches { .. } => output * output.abs(),
-        }
-    }
-}
-
-/// Noise that is added to a difference, drawn for each training step.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Noise {
-    /// Standard deviation of each channel's noise, ohm.
-    pub sd_ohm: Vec<f32>,
-    /// The noise of each sample is this times a factor between these, uniform in its logarithm.
-    pub factor: [f32; 2],
-    /// Drift of the coating's conductance after the untouched frame: standard deviation of the relative change.
-    pub coat_drift: f32,
-    /// Drift of each contact's resistance: standard deviation relative to the design's.
-    pub contact_drift: f32,
-    /// Domain randomization; none by default.
-    #[serde(default, rename = "misfit", skip_serializing_if = "Option::is_none")]
-    pub domain_randomization: Option<DomainRandomization>,
-}
-
-/// Differences between simulation and real skins, relative to the change by a touch (domain randomization: Tobin et
-/// al., 2017, DOI 10.1109/IROS.2017.8202133).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct DomainRandomization {
-    /// A touch also changes the whole coating uniformly, as in a stretched membrane: the root mean square of this
-    /// change over the root mean square of the touch's own change. Uniform between two bounds.
-    pub whole: [f32; 2],
-    /// Gain error of each channel: standard deviation of the logarithm of the gain.
-    pub loudness_sd: f32,
-    /// White noise of the inputs, its standard deviation over their root mean square. Uniform between two bounds.
-    pub relative: [f32; 2],
-    /// Each input is missing with a probability that is uniform from zero to this.
-    pub missing: f32,
-}
-
-impl DomainRandomization {
-    /// For real skins with an unknown instrument: 0.3 to 0.6, 0.5, up to 2, 0.3.
-    pub fn usual() -> Self {
-        DomainRandomization { whole: [0.3, 0.6], loudness_sd: 0.5, relative: [0.0, 2.0], missing: 0.3 }
-    }
-}
-
-impl Noise {
-    /// Only white noise, with given standard deviations.
-    pub fn white(sd_ohm: Vec<f32>) -> Self {
-        Noise { sd_ohm, factor: [1.0, 1.0], coat_drift: 0.0, contact_drift: 0.0, domain_randomization: None }
-    }
-}
 
 /// Training samples, and their conversion to inputs and targets.
 #[derive(Debug)]
@@ -291,14 +213,14 @@ impl Samples {
             return target.iter_mut().zip(&sample.image).for_each(|(target, image)| *target = factor * image);
         };
         target.fill(0.0);
-        let whole = if size.is_some() { sample.touches.iter().map(Target::size).sum() } else { 1.0 };
+        let whole = if size.is_some() { sample.touches.iter().map(SampleTouch::size).sum() } else { 1.0 };
         for touch in &sample.touches {
             let mut place = touch.centre_m.map(f64::from);
             if let Some(symmetries) = &self.symmetries {
                 place = symmetries.point(element, place);
             }
             let place = self.chart.unroll_in_space(place);
-            let height = (Target::size(touch) / whole).sqrt();
+            let height = (touch.size() / whole).sqrt();
             let per = -0.5 / (width_m * width_m);
             for (value, &pixel) in target.iter_mut().zip(&self.pixels) {
                 let exponent = per * self.chart.squared_distance_m2(place, pixel);
@@ -366,7 +288,7 @@ fn contact_patterns(forward: &ForwardModel, share: f32) -> Result<Vec<Vec<f32>>,
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::Streamed;
+    use crate::training::source::Streamed;
     use dermis::design::SkinDesign;
     use dermis::mesh::Mesh;
     use dermis_sim::dataset::{GaussianTouches, Generator, Recipe, Skins, Touch};

@@ -1,6 +1,6 @@
 //! Forward and backward through a network, for a batch.
 
-use crate::kernel::conv2d::{Last, Narrow, Shape, TAPS, WeightGradient, Wide};
+use crate::kernel::conv2d::{Last, TAPS, WeightGradient, convolve, pack};
 use crate::kernel::matrix::{add_product, product_of_transpose, product_with_transpose};
 use crate::kernel::norm::{change_rows, column_sums};
 use crate::kernel::run;
@@ -292,14 +292,6 @@ impl Packed {
     }
 }
 
-/// In the order of [`Wide`] if there are many output channels, else of [`Narrow`].
-pub(crate) fn pack(weight: &[f32], [from, to]: [usize; 2]) -> Vec<f32> {
-    if to.is_multiple_of(CHANNELS_TOGETHER) {
-        return weight.to_vec();
-    }
-    (0..to * TAPS * from).map(|at| weight[at % (TAPS * from) * to + at / (TAPS * from)]).collect()
-}
-
 /// The weights of the convolution for backpropagation: rotated by half a turn, inputs and outputs exchanged.
 fn turned(one: &Convolution) -> Vec<f32> {
     let [from, to] = one.channels;
@@ -312,36 +304,6 @@ fn turned(one: &Convolution) -> Vec<f32> {
         }
     }
     turned
-}
-
-/// One convolution of a bordered image, by the suitable kernel.
-pub(crate) fn convolve(
-    shape: Shape,
-    channels: [usize; 2],
-    weight: &[f32],
-    bias: Option<&[f32]>,
-    input: &[f32],
-    output: &mut [f32],
-    last: Last<'_>,
-) {
-    match channels[1].is_multiple_of(CHANNELS_TOGETHER) {
-        true => run(Wide { shape, input, channels, weight, bias, output, last }),
-        false => run(Narrow { shape, input, channels, weight, bias, output }),
-    }
-    shape.fill_border(output, channels[1]);
-}
-
-impl Refinement {
-    pub(crate) fn channels_in(&self) -> usize {
-        self.convolutions[0].channels[0]
-    }
-
-    /// Bordered images: the input of each convolution, then the last one's output.
-    pub(crate) fn pictures(&self) -> Vec<Vec<f32>> {
-        let first = std::iter::once(self.channels_in());
-        let channels = first.chain(self.convolutions.iter().map(|one| one.channels[1]));
-        channels.map(|channels| vec![0.0; self.shape.bordered(channels)]).collect()
-    }
 }
 
 impl Part {
