@@ -1,6 +1,10 @@
 //! Input and output around [`dermis::pipeline`]: devices, recordings, ROS 2, JSON lines, the viewer.
 
 #![warn(unreachable_pub)]
+#![cfg_attr(
+    not(all(feature = "convert", feature = "viewer")),
+    allow(dead_code, unused_imports, reason = "some functions are for tables or for the page alone")
+)]
 
 pub mod clock;
 pub mod device;

@@ -4,12 +4,13 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use pulp::{Simd, WithSimd};
 
-/// Threads for a product: those of the caller's thread pool.
+/// Threads for a product: those of the caller's thread pool, where networks are trained.
 fn threads() -> Par {
-    match rayon::current_num_threads() {
-        1 => Par::Seq,
-        threads => Par::rayon(threads),
+    #[cfg(feature = "train")]
+    if rayon::current_num_threads() > 1 {
+        return Par::rayon(rayon::current_num_threads());
     }
+    Par::Seq
 }
 
 /// `out += left right`, with `left` rows x inner, `right` inner x columns.

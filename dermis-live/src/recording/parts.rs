@@ -83,7 +83,11 @@ pub(super) type FreeSpace = fn(&Path) -> std::io::Result<u64>;
 
 /// Free space, as the system tells it.
 pub(super) fn free_space(path: &Path) -> std::io::Result<u64> {
-    fs4::available_space(path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")))
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    #[cfg(unix)]
+    return Ok(rustix::fs::statvfs(folder).map(|disk| disk.f_bavail * disk.f_frsize)?);
+    #[cfg(not(unix))]
+    return fs4::available_space(folder);
 }
 
 /// A recording in parts.
