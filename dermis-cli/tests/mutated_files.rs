@@ -135,7 +135,7 @@ fn valid() -> Workplace {
     at.good("simulate disk.toml --recipe gaussian.toml --samples 4 --seed 1 -o sim");
     at.good("simulate --finish sim");
     std::fs::create_dir(at.path("net")).unwrap();
-    NET.iter().for_each(|name| copy(&name.replace("net/", "../dermis-learn/models/skin16/shapes/"), name));
+    NET.iter().for_each(|name| copy(&name.replace("net/", "dermis-learn/models/skin16/shapes/"), name));
     at
 }
 
