@@ -1,10 +1,13 @@
-// Builds the page into dist/: index.html, viewer.js, viewer.css. The same sources and lock file give the same bytes.
+// Builds the page into the sources of dermis-live: index.html, viewer.js, viewer.css. The same sources and lock file give the same bytes.
 import { build } from "esbuild";
 import { copyFile, mkdir, readFile } from "node:fs/promises";
 import { fileURLToPath } from "node:url";
 import path from "node:path";
 
 const here = path.dirname(fileURLToPath(import.meta.url));
+
+/** Where dermis-live takes the page from. */
+export const PAGE = path.join(here, "../dermis-live/src/sinks/viewer/page");
 
 /** The licences of what is bundled, whole, as they ask to be passed on. */
 async function notices() {
@@ -39,6 +42,6 @@ export async function buildInto(folder) {
 }
 
 if (process.argv[1] === fileURLToPath(import.meta.url)) {
-  const { outputs } = await buildInto(path.join(here, "dist"));
+  const { outputs } = await buildInto(PAGE);
   for (const [name, { bytes }] of Object.entries(outputs)) console.log(`${name}: ${(bytes / 1000).toFixed(1)} kB`);
 }

@@ -350,7 +350,7 @@ fn a_protocol_must_fit_the_electrodes_and_the_frames() {
 fn experiments_that_cannot_be_are_refused_and_leave_nothing() {
     let at = Workplace::new();
     assert!(at.refused("experiment disk.toml --twin lap --seed 1 -o out").contains("did you mean `lab`?"));
-    at.write("twin.toml", include_str!("../../data/twins/lab.toml").replace("rms = 0.10 ", "rms = 10.0 "));
+    at.write("twin.toml", include_str!("../../dermis-sim/twins/lab.toml").replace("rms = 0.10 ", "rms = 10.0 "));
     let message = at.refused("experiment disk.toml --twin twin.toml --seed 1 -o out");
     assert!(message.contains("`coat.rms` is 10") && message.contains("twin.toml"), "{message}");
     std::fs::create_dir(at.path("full")).unwrap();
@@ -358,7 +358,10 @@ fn experiments_that_cannot_be_are_refused_and_leave_nothing() {
     assert!(at.refused("experiment disk.toml --twin ideal --seed 1 -o full").contains("not empty"));
     assert!(at.path("full/notes.txt").exists());
     // The twin is drawn only after the folder was created: no partial output remains.
-    at.write("far.toml", include_str!("../../data/twins/ideal.toml").replace("torn_wires = []", "torn_wires = [99]"));
+    at.write(
+        "far.toml",
+        include_str!("../../dermis-sim/twins/ideal.toml").replace("torn_wires = []", "torn_wires = [99]"),
+    );
     assert!(at.refused("experiment disk.toml --twin far.toml --seed 1 -o out").contains("electrode 99"));
     let left: Vec<_> = std::fs::read_dir(at.folder()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert!(left.iter().all(|name| !name.to_string_lossy().starts_with("out")), "{left:?}");

@@ -116,7 +116,7 @@ fn channels_that_are_left_out_need_no_values() {
 #[test]
 fn contacts_are_found_without_a_baseline_and_with_their_sign() {
     let at = Workplace::empty();
-    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/tank/metal1_plastic5_plastic9_metal13_55uA");
+    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/../dermis-study/tank/metal1_plastic5_plastic9_metal13_55uA");
     let signs = |arguments: &str| -> Vec<(f64, String)> {
         at.good(&format!("contacts tank16 --frames {data}_objects.csv {arguments} --both-signs -o c.csv"));
         let text = std::fs::read_to_string(at.path("c.csv")).unwrap();

@@ -98,7 +98,7 @@ fn positions(count: usize) -> String {
 #[test]
 fn settings_have_a_limit() {
     let at = Workplace::empty();
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/recipes");
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../dermis-study/recipes");
     let recipe = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
     let with = |name: &str, key: &str, value: &str| {
         let text = recipe(name);

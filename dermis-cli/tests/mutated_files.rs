@@ -103,20 +103,20 @@ const KINDS: &[Kind] = &[
 /// A folder with a valid file of each kind.
 fn valid() -> Workplace {
     let at = Workplace::new();
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data");
-    let copy = |from: &str, to: &str| assert!(std::fs::copy(data.join(from), at.path(to)).unwrap() > 0);
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let copy = |from: &str, to: &str| assert!(std::fs::copy(root.join(from), at.path(to)).unwrap() > 0);
     let names = [
-        ("designs", "cylinder30.toml"),
-        ("designs", "skin16.toml"),
-        ("designs", "tank16.toml"),
-        ("twins", "lab.toml"),
-        ("twins", "harsh.toml"),
-        ("recipes", "gaussian.toml"),
-        ("recipes", "fine-soft.toml"),
+        ("dermis/designs", "cylinder30.toml"),
+        ("dermis/designs", "skin16.toml"),
+        ("dermis/designs", "tank16.toml"),
+        ("dermis-sim/twins", "lab.toml"),
+        ("dermis-sim/twins", "harsh.toml"),
+        ("dermis-study/recipes", "gaussian.toml"),
+        ("dermis-study/recipes", "fine-soft.toml"),
     ];
     names.iter().for_each(|(folder, name)| copy(&format!("{folder}/{name}"), name));
-    MSH.iter().for_each(|name| copy(&format!("bodies/{name}"), name));
-    copy("recordings/disk12-lz4.mcap", "lz4.mcap");
+    MSH.iter().for_each(|name| copy(&format!("data/bodies/{name}"), name));
+    copy("data/recordings/disk12-lz4.mcap", "lz4.mcap");
     presses(&at);
     bodies(&at);
     let design = std::fs::read_to_string(at.path("disk.toml")).unwrap();
@@ -135,7 +135,7 @@ fn valid() -> Workplace {
     at.good("simulate disk.toml --recipe gaussian.toml --samples 4 --seed 1 -o sim");
     at.good("simulate --finish sim");
     std::fs::create_dir(at.path("net")).unwrap();
-    NET.iter().for_each(|name| copy(&name.replace("net/", "../dermis-learn/models/skin16/shapes/"), name));
+    NET.iter().for_each(|name| copy(&name.replace("net/", "dermis-learn/models/skin16/shapes/"), name));
     at
 }
 

@@ -230,7 +230,7 @@ fn a_connection_that_is_lost_is_opened_again() {
 fn contacts_in_a_tank_say_whether_they_conduct() {
     let at = Workplace::empty();
     let recorded = |what: &str| -> Vec<f64> {
-        let tank = "/../data/tank/metal1_plastic5_plastic9_metal13_55uA_";
+        let tank = "/../dermis-study/tank/metal1_plastic5_plastic9_metal13_55uA_";
         let text = std::fs::read_to_string(format!("{}{tank}{what}.csv", env!("CARGO_MANIFEST_DIR"))).unwrap();
         text.trim().split(',').map(|value| value.parse().unwrap()).collect()
     };

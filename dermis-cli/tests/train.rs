@@ -68,7 +68,7 @@ fn samples_may_be_streamed_and_ingredients_left_out() {
     // A skin with symmetries: these move touches, so that a network that is trained without touches has none.
     at.write(
         "cylinder.toml",
-        include_str!("../../data/designs/cylinder30.toml").replace("max_edge_m = 0.006", "max_edge_m = 0.012"),
+        include_str!("../../dermis/designs/cylinder30.toml").replace("max_edge_m = 0.006", "max_edge_m = 0.012"),
     );
     let train_cylinder = "train cylinder.toml --stream gaussian --epoch-samples 360 --epochs 1 --network best";
     for (more, symmetries) in [("", 20), ("--without symmetries", 1), ("--without touches", 1)] {

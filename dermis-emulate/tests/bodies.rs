@@ -189,5 +189,5 @@ fn a_press_is_one_contact_on_every_shipped_skin_and_ends() {
 #[test]
 #[ignore = "the images of 14,806 cells take half a minute to prepare"]
 fn a_press_is_one_contact_on_a_sleeve_from_an_stl_file() {
-    pressed_and_lifted(&methods("../data/designs/forearm.toml"), "", 0.003);
+    pressed_and_lifted(&methods("../dermis/designs/forearm.toml"), "", 0.003);
 }

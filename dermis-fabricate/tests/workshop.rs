@@ -41,7 +41,7 @@ fn check(design: &Path) {
 }
 
 fn shipped(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/designs").join(name).with_extension("toml")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../dermis/designs").join(name).with_extension("toml")
 }
 
 fn template(body: &str) -> PathBuf {

@@ -19,7 +19,7 @@ const TOUCHED: usize = 6;
 const UNTOUCHED: u64 = 10;
 
 fn design(name: &str) -> String {
-    format!("{}/../data/designs/{name}.toml", env!("CARGO_MANIFEST_DIR"))
+    format!("{}/../dermis/designs/{name}.toml", env!("CARGO_MANIFEST_DIR"))
 }
 
 /// Six designs, of which three have no signs.

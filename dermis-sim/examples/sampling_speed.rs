@@ -1,5 +1,5 @@
 //! Training samples per second on `RAYON_NUM_THREADS` threads, and the time of one core per sample: of random skins with
-//! fabric patches as `dermis simulate --touch patch --skins random` has them, and of each recipe in `data/recipes`; or of
+//! fabric patches as `dermis simulate --touch patch --skins random` has them, and of each recipe in `dermis-study/recipes`; or of
 //! the recipes named as arguments.
 //! `cargo run --release -p dermis-sim --example sampling_speed [RECIPE.toml ...]`.
 
@@ -35,7 +35,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 fn shipped() -> std::io::Result<Vec<PathBuf>> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/recipes");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../dermis-study/recipes");
     let mut paths: Vec<PathBuf> =
         std::fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<std::io::Result<_>>()?;
     paths.sort();

@@ -19,7 +19,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 fn folder() -> PathBuf {
-    PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../data/tank"))
+    PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../dermis-study/tank"))
 }
 
 fn recordings() -> BTreeMap<String, Vec<TankObject>> {

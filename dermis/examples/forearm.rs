@@ -1,4 +1,4 @@
-//! Writes `data/bodies/forearm.stl`, the sample of a free body: a sleeve around a forearm, 240 mm long.
+//! Writes `dermis/designs/forearm.stl`, the sample of a free body: a sleeve around a forearm, 240 mm long.
 //!
 //! Its sections are ellipses that narrow from the elbow (92 x 80 mm) to the wrist (60 x 44 mm), and its axis is
 //! slightly bent, so that no part of it is a cylinder. `cargo run --release --example forearm`
@@ -42,7 +42,7 @@ pub fn sleeve() -> Mesh {
 }
 
 fn main() -> dermis::Result<()> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/bodies/forearm.stl");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("designs/forearm.stl");
     export::save(&sleeve(), &path, None)?;
     println!("{}: {} triangles", path.display(), sleeve().cell_count());
     Ok(())

@@ -56,7 +56,7 @@ fn touched_cylinder(skin: &Skin, places: &[Point3]) -> dermis::Result<[Frame; 2]
 
 /// The frames of the empty tank and of the tank with four objects.
 fn tank(skin: &Skin) -> dermis::Result<[Frame; 2]> {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../data/tank"));
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../dermis-study/tank"));
     let read = |part: &str| -> dermis::Result<Frame> {
         let path = folder.join(format!("metal1_plastic5_plastic9_metal13_55uA_{part}.csv"));
         Ok(read_frames(&path, &skin.design().protocol)?.remove(0))

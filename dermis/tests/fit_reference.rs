@@ -62,7 +62,7 @@ fn eidors_contact_impedances_are_recovered() {
 fn the_empty_tank_has_one_resistance() {
     let design = SkinDesign::shipped("tank16").unwrap();
     let mesh = Mesh::generate(&design).unwrap();
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/tank");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../dermis-study/tank");
     let mut values = Vec::new();
     for name in ["metal1_55uA", "metal1_plastic5_55uA", "metal1_plastic5_plastic9_55uA"] {
         let frames = read_frames(&folder.join(format!("{name}_empty.csv")), &design.protocol).unwrap();

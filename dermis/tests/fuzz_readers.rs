@@ -20,7 +20,7 @@ fn runs() -> usize {
 }
 
 fn data(path: &str) -> Vec<u8> {
-    let path: PathBuf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data").join(path);
+    let path: PathBuf = Path::new(env!("CARGO_MANIFEST_DIR")).join(path);
     std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
@@ -48,10 +48,10 @@ fn designs() {
 
 #[test]
 fn gmsh_files() {
-    let sheets =
-        ["2.2_ascii", "2.2_binary", "4.1_ascii", "4.1_binary"].map(|end| data(&format!("bodies/sheet_{end}.msh")));
+    let sheets = ["2.2_ascii", "2.2_binary", "4.1_ascii", "4.1_binary"]
+        .map(|end| data(&format!("../data/bodies/sheet_{end}.msh")));
     fuzz(targets::fuzz_msh, &sheets, 2);
-    let blocks = ["2.2_ascii", "4.1_binary"].map(|end| data(&format!("bodies/block_{end}.msh")));
+    let blocks = ["2.2_ascii", "4.1_binary"].map(|end| data(&format!("../data/bodies/block_{end}.msh")));
     fuzz(targets::fuzz_msh, &blocks, 3);
 }
 

@@ -50,7 +50,7 @@ fn design(path: &Path, electrodes: &[(Point3, ElectrodeShape)], max_edge_m: f64)
 }
 
 fn forearm_design() -> SkinDesign {
-    SkinDesign::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../data/designs/forearm.toml")).unwrap()
+    SkinDesign::load(concat!(env!("CARGO_MANIFEST_DIR"), "/designs/forearm.toml")).unwrap()
 }
 
 /// Saves a surface and places electrodes on it.
@@ -91,7 +91,7 @@ fn longest_edge(mesh: &Mesh) -> f64 {
 
 #[test]
 fn the_shipped_forearm_is_what_its_example_makes() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/bodies/forearm.stl");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("designs/forearm.stl");
     let shipped = import::load(&path, 1.0).unwrap();
     let made = forearm::sleeve();
     assert_eq!(shipped.node_count(), made.node_count(), "doubled vertices are welded");

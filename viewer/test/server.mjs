@@ -1,14 +1,13 @@
-// A server that speaks the viewer's interface without a skin: it serves dist/ and sends simulated frames.
+// A server that speaks the viewer's interface without a skin: it serves the built page and sends simulated frames.
 
 import http from "node:http";
 import { readFile } from "node:fs/promises";
 import path from "node:path";
-import { fileURLToPath } from "node:url";
 import { WebSocketServer } from "ws";
 
+import { PAGE } from "../build.mjs";
 import { contact, image, scene as cylinder, thetaOf } from "./skin.mjs";
 
-const DIST = path.join(path.dirname(fileURLToPath(import.meta.url)), "../dist");
 const TYPES = { ".html": "text/html; charset=utf-8", ".js": "text/javascript", ".css": "text/css" };
 export const POLICY =
   "default-src 'self'; connect-src 'self' ws: wss:; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:";
@@ -38,7 +37,7 @@ export async function startServer(options = {}) {
     const name = new URL(request.url, "http://x").pathname.replace(/^\/$/, "/index.html").slice(1);
     try {
       if (!/^[\w.]+$/.test(name)) throw new Error(name);
-      const body = await readFile(path.join(DIST, name));
+      const body = await readFile(path.join(PAGE, name));
       response.writeHead(200, { "content-type": TYPES[path.extname(name)], "content-security-policy": POLICY });
       response.end(body);
     } catch {

@@ -25,7 +25,7 @@ const run = (...args) => execFileSync(dermis, args, { cwd: folder, encoding: "ut
 const seed = 71;
 const LEAST_N = 1.5;
 const MOST_N = 2.5;
-const lab = readFileSync(path.join(path.dirname(fileURLToPath(import.meta.url)), "../../data/twins/lab.toml"), "utf8");
+const lab = readFileSync(path.join(path.dirname(fileURLToPath(import.meta.url)), "../../dermis-sim/twins/lab.toml"), "utf8");
 /** The touch of an emulated membrane, which patches cannot model: `TwinOptions::made_of`. */
 const MEMBRANE = "[touch.gaussian]\namplitude_per_n = 0.1\nwidth_m = 0.008\n\n[press]";
 

@@ -3,6 +3,7 @@
 use crate::console::print;
 use crate::failure::{Failure, Outcome};
 use clap::{Args, ValueEnum};
+use dermis::design::FOREARM_STL;
 use dermis::frame::write_whole;
 use std::path::PathBuf;
 
@@ -32,9 +33,6 @@ enum BodyKind {
     Mesh,
 }
 
-/// The body of the design that `dermis new mesh` writes.
-const FOREARM: (&str, &[u8]) = ("forearm.stl", include_bytes!("../../../data/bodies/forearm.stl"));
-
 impl BodyKind {
     fn template(self) -> (&'static str, &'static str) {
         match self {
@@ -53,7 +51,7 @@ impl Arguments {
         let path = self.output.unwrap_or_else(|| format!("{name}.toml").into());
         let mut files = vec![(path.clone(), text.as_bytes())];
         if let BodyKind::Mesh = self.body {
-            files.push((path.with_file_name(FOREARM.0), FOREARM.1));
+            files.push((path.with_file_name("forearm.stl"), FOREARM_STL));
         }
         if let Some((there, _)) = files.iter().find(|(path, _)| !self.force && path.is_file()) {
             let message = format!("{} exists already", there.display());

@@ -48,7 +48,9 @@ pub fn page(name: &str) -> Page {
 /// README.md, the other pages in the same folder, and the book.
 pub fn pages() -> Vec<Page> {
     let mut names: Vec<String> =
-        ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md", "data/README.md"].map(String::from).into();
+        ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "data/README.md"]
+            .map(String::from)
+            .into();
     for folder in ["docs", "docs/decisions", "docs/images"] {
         for entry in fs::read_dir(root().join(folder)).expect("the book is in the repository") {
             let file = entry.expect("readable").file_name().into_string().expect("ASCII names");

@@ -24,7 +24,7 @@ fn page_of(design: &SkinDesign) -> String {
 
 #[test]
 fn the_page_is_well_formed_and_needs_no_other_file() {
-    for name in ["skin16", concat!(env!("CARGO_MANIFEST_DIR"), "/../data/designs/forearm.toml")] {
+    for name in ["skin16", concat!(env!("CARGO_MANIFEST_DIR"), "/../dermis/designs/forearm.toml")] {
         let page = page_of(&SkinDesign::load(name).unwrap());
         check_nesting(&page);
         for outside in ["<script", "<img", "<link", "url(", "@import", "href="] {

@@ -85,9 +85,9 @@ fn hemisphere() -> SkinDesign {
     design
 }
 
-/// The forearm of `data/designs`.
+/// The forearm of `dermis/designs`.
 fn forearm() -> SkinDesign {
-    SkinDesign::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../data/designs/forearm.toml")).expect("a shipped design")
+    SkinDesign::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../dermis/designs/forearm.toml")).expect("a shipped design")
 }
 
 /// Touches on a body and the readings of its instrument.

@@ -224,7 +224,7 @@ mod tests {
         let forward = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
         let pixels = PixelSpace::for_design(&design, forward.mesh()).unwrap();
         for name in ["fine-soft", "coarse-firm-together"] {
-            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../data/recipes/{name}.toml"));
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../dermis-study/recipes/{name}.toml"));
             let recipe = Recipe::load(&path, 5, 64).unwrap();
             let (Touch::Patch(touches), Skins::Random(spread)) = (&recipe.touch, &recipe.skins) else {
                 panic!("{name} has presses on random skins")

@@ -14,7 +14,7 @@ struct Bench {
 impl Bench {
     fn new(name: &str) -> Self {
         // The forearm is an example beside the program.
-        let path = format!("{}/../data/designs/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+        let path = format!("{}/../dermis/designs/{name}.toml", env!("CARGO_MANIFEST_DIR"));
         let mut design = SkinDesign::load(&path).expect("a design of the project");
         design.mesh = design.mesh.scaled(2.0);
         let mesh = Mesh::generate(&design).expect("a mesh");

@@ -7,7 +7,7 @@ use dermis::frame::Frame;
 use dermis::mesh::Mesh;
 use std::f64::consts::TAU;
 
-const LAB: &str = include_str!("../../../data/twins/lab.toml");
+const LAB: &str = include_str!("../../twins/lab.toml");
 
 fn cylinder() -> SkinDesign {
     SkinDesign::shipped("cylinder30").unwrap()

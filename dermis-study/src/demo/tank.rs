@@ -23,13 +23,13 @@ struct Recording {
     objects: &'static str,
 }
 
-/// The two frames of a recording, by its name in `data/tank`.
+/// The two frames of a recording, by its name in `dermis-study/tank`.
 macro_rules! recording {
     ($name:literal) => {
         Recording {
             name: $name,
-            empty: include_str!(concat!("../../../data/tank/", $name, "_empty.csv")),
-            objects: include_str!(concat!("../../../data/tank/", $name, "_objects.csv")),
+            empty: include_str!(concat!("../../tank/", $name, "_empty.csv")),
+            objects: include_str!(concat!("../../tank/", $name, "_objects.csv")),
         }
     };
 }
@@ -44,10 +44,11 @@ const RECORDINGS: [Recording; 6] = [
 ];
 
 /// The object at each electrode in each recording.
-const OBJECTS: &str = include_str!("../../../data/tank/objects.csv");
+const OBJECTS: &str = include_str!("../../tank/objects.csv");
 
 /// Where the frames come from.
-const SOURCE: &str = "Real frames of a 16-electrode saline tank, from CBZ199671/PyEIDORS (MIT licence; see data/tank).";
+const SOURCE: &str =
+    "Real frames of a 16-electrode saline tank, from CBZ199671/PyEIDORS (MIT licence; see dermis-study/tank).";
 
 /// A recording, its image and its objects.
 struct Found {

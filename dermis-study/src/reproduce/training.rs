@@ -26,7 +26,7 @@ macro_rules! data {
         Data {
             name: $name,
             recipe: $recipe,
-            recipe_text: include_str!(concat!("../../../data/recipes/", $recipe, ".toml")),
+            recipe_text: include_str!(concat!("../../recipes/", $recipe, ".toml")),
             samples: $samples,
             seed: $seed,
         }

@@ -17,6 +17,7 @@ pub use error::DesignError;
 pub use error::{closest_name, explain_toml_error};
 pub use fabrication::{FabricationOptions, closest_bores};
 pub use layout::MOST_ELECTRODES;
+pub use shipped::FOREARM_STL;
 
 use crate::contact::ConductanceChange;
 use crate::geom::{Chart, Point3, Shape, Surface};

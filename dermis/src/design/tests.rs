@@ -5,7 +5,7 @@ use crate::geom::vector::distance;
 use crate::protocol::{Channel, Protocol};
 use std::f64::consts::TAU;
 
-const GOOD: &str = include_str!("../../../data/designs/cylinder30.toml");
+const GOOD: &str = include_str!("../../designs/cylinder30.toml");
 
 /// The error of the shipped cylinder with one piece of text replaced.
 fn broken(from: &str, to: &str) -> String {

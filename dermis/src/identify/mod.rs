@@ -74,7 +74,7 @@ pub struct IdentifyOptions {
 pub const DRIVEN_ERROR: f64 = 4e-3;
 
 impl Default for IdentifyOptions {
-    /// Priors as wide as the skins of the training recipes (`data/recipes`: coatings of 15 % over 30 to 60 mm,
+    /// Priors as wide as the skins of the training recipes (`dermis-study/recipes`: coatings of 15 % over 30 to 60 mm,
     /// displacements of 0.7 mm, contacts of 35 %); any scale within a factor of two. The relative error is twice the
     /// discretisation error that is left in the untouched frame of `cylinder30`.
     fn default() -> Self {

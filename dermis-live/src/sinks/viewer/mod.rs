@@ -54,9 +54,9 @@ impl std::fmt::Debug for Server {
 
 /// Files of the page: path, type and bytes.
 const FILES: [(&str, &str, &[u8]); 3] = [
-    ("/", "text/html; charset=utf-8", include_bytes!("../../../../viewer/dist/index.html")),
-    ("/viewer.js", "text/javascript; charset=utf-8", include_bytes!("../../../../viewer/dist/viewer.js")),
-    ("/viewer.css", "text/css; charset=utf-8", include_bytes!("../../../../viewer/dist/viewer.css")),
+    ("/", "text/html; charset=utf-8", include_bytes!("page/index.html")),
+    ("/viewer.js", "text/javascript; charset=utf-8", include_bytes!("page/viewer.js")),
+    ("/viewer.css", "text/css; charset=utf-8", include_bytes!("page/viewer.css")),
 ];
 
 /// Length of the shortest token, characters.

@@ -5,19 +5,19 @@ import path from "node:path";
 import { test } from "node:test";
 import { fileURLToPath } from "node:url";
 
-import { buildInto } from "../build.mjs";
+import { buildInto, PAGE } from "../build.mjs";
 
 const home = path.join(path.dirname(fileURLToPath(import.meta.url)), "..");
 
-test("dist/ is what src/ builds, byte for byte", async () => {
+test("the committed page is what src/ builds, byte for byte", async () => {
   const fresh = await mkdtemp(path.join(os.tmpdir(), "viewer-"));
   try {
     await buildInto(fresh);
     const names = (await readdir(fresh)).sort();
-    assert.deepEqual((await readdir(path.join(home, "dist"))).sort(), names);
+    assert.deepEqual((await readdir(PAGE)).sort(), names);
     for (const name of names) {
-      const [built, kept] = await Promise.all([fresh, path.join(home, "dist")].map((folder) => readFile(path.join(folder, name))));
-      assert.ok(built.equals(kept), `dist/${name} is old: npm run build`);
+      const [built, kept] = await Promise.all([fresh, PAGE].map((folder) => readFile(path.join(folder, name))));
+      assert.ok(built.equals(kept), `${name} is old: npm run build`);
     }
   } finally {
     await rm(fresh, { recursive: true });
@@ -25,8 +25,8 @@ test("dist/ is what src/ builds, byte for byte", async () => {
 });
 
 test("the bundle is small and carries the licences of what it holds", async () => {
-  const script = await readFile(path.join(home, "dist/viewer.js"), "utf8");
-  const style = await readFile(path.join(home, "dist/viewer.css"), "utf8");
+  const script = await readFile(path.join(PAGE, "viewer.js"), "utf8");
+  const style = await readFile(path.join(PAGE, "viewer.css"), "utf8");
   console.log(`bundle: ${((script.length + style.length) / 1000).toFixed(0)} kB`);
   assert.ok(script.length + style.length < 700_000);
   for (const words of ["three.js authors", "Leon Sorokin", 'THE SOFTWARE IS PROVIDED "AS IS"']) assert.ok(script.includes(words), words);
@@ -36,7 +36,7 @@ test("the bundle is small and carries the licences of what it holds", async () =
 });
 
 test("the page has no script of its own in the text and asks nobody else", async () => {
-  const page = await readFile(path.join(home, "dist/index.html"), "utf8");
+  const page = await readFile(path.join(PAGE, "index.html"), "utf8");
   assert.ok(!/<script(?![^>]*\bsrc=)/.test(page) && !/\son\w+=/.test(page));
   for (const [, address] of page.matchAll(/(?:src|href)="([^"]*)"/g)) assert.ok(!/^(\w+:)?\/\//.test(address), address);
 });
