@@ -26,6 +26,7 @@ use crate::image::Image;
 use peaks::Basin;
 use serde::{Deserialize, Serialize};
 use spots::Spot;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Detection options. The defaults are those of linear images.
@@ -146,6 +147,14 @@ impl Detector {
     /// less probable.
     pub fn with_contradiction(self, contradiction: Contradiction) -> Self {
         Detector { contradiction: Some(Arc::new(contradiction)), ..self }
+    }
+
+    /// A difference, ohm, without spikes of single channels, if the reciprocal channels of a frame tell them.
+    pub(crate) fn without_spikes<'a>(&self, difference: &'a [f64]) -> Cow<'a, [f64]> {
+        match &self.contradiction {
+            Some(contradiction) => contradiction.without_spikes(difference),
+            None => Cow::Borrowed(difference),
+        }
     }
 
     /// The contacts in the image of a difference, ohm, as probable and as far above the noise as the noise of that very frame lets

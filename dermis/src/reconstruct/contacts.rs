@@ -45,6 +45,7 @@ impl dyn Reconstruct + '_ {
         search: Search<'_>,
         image: &mut Image,
     ) -> Result<Vec<Detection>, ReconstructError> {
+        let difference = &search.detector.without_spikes(difference);
         self.reconstruct_into(difference, &mut image.values)?;
         if let Some(contacts) = self.contacts(difference)? {
             return Ok(contacts.into_iter().map(|contact| Detection { contact, signal: f64::INFINITY }).collect());
