@@ -70,8 +70,10 @@ fn spikes_of_single_channels_are_no_certain_contacts() {
         let mut rng = sample_rng(29, number);
         let mut frame: Vec<f64> = rest.iter().map(|value| value + sd * standard_normal(&mut rng)).collect();
         for spike in 0..spikes {
-            let channel = (number as usize * 7 + spike * 30 + (spike * spike * 11) % 30) % frame.len();
-            frame[channel] += if (number as usize + spike) % 2 == 0 { 20.0 * sd } else { -20.0 * sd };
+            // Drive below 15, measurement from 15 on: reciprocal channels are none of these. Each drive has 29 values.
+            let (drive, measure) =
+                ((7 * spike + number as usize) % 15, 15 + (4 * spike + spike / 15 + number as usize) % 15);
+            frame[29 * drive + measure - 1] += if (number as usize + spike) % 2 == 0 { 20.0 * sd } else { -20.0 * sd };
         }
         frame.iter().map(f64::to_string).collect::<Vec<String>>().join(",") + "\n"
     };
@@ -90,7 +92,7 @@ fn spikes_of_single_channels_are_no_certain_contacts() {
         });
         let sure = confidences.filter(|confidence| *confidence > 0.5).count();
         // 40 and 150 without a look at reciprocal channels.
-        assert!(sure <= 2, "{method}: {sure} contacts that are probable");
+        assert!(sure <= 1, "{method}: {sure} contacts that are probable");
     }
 }
 
