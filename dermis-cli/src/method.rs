@@ -3,12 +3,15 @@
 use crate::channels::{Channels, LEAVE_OUT_HELP};
 use crate::console::{Progress, warn};
 use crate::failure::{Failure, Outcome};
+use crate::frames::of_each;
 use crate::range::number;
 use clap::{Args, ValueEnum};
+use dermis::contact::Contact;
 use dermis::design::SkinDesign;
 use dermis::detect::{DetectOptions, Detector};
 use dermis::estimate::noise::ChannelNoise;
 use dermis::frame::{Differences, Frame, broken_channels, disconnected_electrodes, read_frames_without};
+use dermis::image::Image;
 use dermis::method::{Method, MethodOptions, Methods, is_path};
 use dermis::reconstruct::{Alpha, Difference, Reconstruct};
 use dermis::skin::Skin;
@@ -18,6 +21,7 @@ use dermis_learn::Model;
 use dermis_sim::evaluate::{AlignMethod, AlignOptions, PressEstimates, Screen};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The help of `--method`, the same for every command.
 pub const METHOD_HELP: &str = "Reconstruction method: noser, laplace, tikhonov, gauss-newton, tv or greit; a shipped network \
@@ -57,6 +61,9 @@ pub struct MethodArguments {
 const LEAST_ALPHA: f64 = 1e-60;
 const MOST_ALPHA: f64 = 1e60;
 
+/// Changes of the other sign in at most this part of the frames are no hint: presses on a real membrane leave them in 4 %.
+const FEW_OTHERS: f64 = 0.1;
+
 /// Which contacts are detected.
 #[derive(Debug, Clone, Args)]
 pub struct DetectArguments {
@@ -75,6 +82,36 @@ impl DetectArguments {
         }
         method.check_both_signs()?;
         Ok(detector.with_both_signs(skin.design().sheet.touch.change()))
+    }
+
+    /// What is kept of the image and the contacts of each difference. Warns if many images show changes of the sign that is not
+    /// looked for.
+    pub fn in_each<T: Send>(
+        &self,
+        method: &Method,
+        detector: &Detector,
+        differences: &[Frame],
+        keep: impl Fn(Image, Vec<Contact>) -> T + Sync,
+    ) -> Outcome<Vec<T>> {
+        // Images of other methods show touches alone.
+        let is_asked = !self.both_signs && method.check_both_signs().is_ok();
+        let others = AtomicUsize::new(0);
+        let found = of_each(differences, |difference| {
+            let (image, contacts) = method.reconstruct().image_and_contacts(difference, detector)?;
+            if is_asked && detector.shows_other_sign(&image) {
+                others.fetch_add(1, Ordering::Relaxed);
+            }
+            Ok(keep(image, contacts))
+        })?;
+        let others = others.into_inner();
+        if others as f64 > FEW_OTHERS * differences.len() as f64 {
+            warn(&format!(
+                "in {others} of {} a change of the other sign is more than half as strong as any touch: contacts may be its \
+                 side lobes. --both-signs looks for changes of both signs",
+                counted(differences.len(), "frame")
+            ));
+        }
+        Ok(found)
     }
 
     /// Whether each contact says how it changes the conductance.

@@ -14,7 +14,16 @@ where
 {
     move |text: &str| {
         let value = text.trim().parse::<T>().ok().filter(|value| range.contains(value));
-        value.ok_or_else(|| format!("it must be a number from {} to {}", range.start(), range.end()))
+        value.ok_or_else(|| format!("it must be a number from {} to {}", short(range.start()), short(range.end())))
+    }
+}
+
+/// A limit as text; with a power of ten where it has more than the 20 digits of the largest whole numbers.
+fn short(limit: &impl Display) -> String {
+    let text = limit.to_string();
+    match text.parse::<f64>() {
+        Ok(value) if text.len() > 20 => format!("{value:e}"),
+        _ => text,
     }
 }
 
@@ -92,6 +101,7 @@ mod tests {
         for wrong in ["0", "-1", "nan", "inf", "1e-300", "1e300", "", "x"] {
             assert_eq!(speed(wrong).unwrap_err(), "it must be a number from 0.001 to 1000", "{wrong}");
         }
+        assert_eq!(number(1e-60..=1e60)("foo").unwrap_err(), "it must be a number from 1e-60 to 1e60");
         let frames = count(0..=10usize);
         assert_eq!(frames("10"), Ok(10));
         for wrong in ["11", "-1", "1e11", "1.5", "99999999999999999999999"] {

@@ -39,9 +39,10 @@ impl FromStr for Rows {
 impl Rows {
     /// The rows, ascending, where there are `count`.
     pub fn of(&self, count: usize) -> Result<&[usize], String> {
-        match self.0.last() {
-            Some(last) if *last >= count => Err(format!("row {last} does not exist: the rows are 0 to {}", count - 1)),
-            _ => Ok(&self.0),
+        match self.0.iter().find(|row| **row >= count) {
+            Some(row) if count == 0 => Err(format!("row {row} does not exist: there are no rows")),
+            Some(row) => Err(format!("row {row} does not exist: the rows are 0 to {}", count - 1)),
+            None => Ok(&self.0),
         }
     }
 }
@@ -55,6 +56,10 @@ mod tests {
         let rows: Rows = "3..6,1, 4..5".parse().unwrap();
         assert_eq!(rows.of(6), Ok(&[1, 3, 4, 5][..]));
         assert_eq!(rows.of(5).unwrap_err(), "row 5 does not exist: the rows are 0 to 4");
+        // The first one that is missing.
+        let rows: Rows = "5..9".parse().unwrap();
+        assert_eq!(rows.of(2).unwrap_err(), "row 5 does not exist: the rows are 0 to 1");
+        assert_eq!(rows.of(0).unwrap_err(), "row 5 does not exist: there are no rows");
         for wrong in ["", "5..5", "a..b", "1-3", "-1"] {
             assert!(wrong.parse::<Rows>().is_err(), "{wrong}");
         }

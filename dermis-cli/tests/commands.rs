@@ -411,7 +411,8 @@ fn bad_conductivities_are_named_by_their_cell() {
 #[test]
 fn results_that_cannot_be_written_are_said() {
     let at = Workplace::new();
-    assert!(at.refused("forward disk.toml -o no/such/folder.csv").contains("no/such/folder.csv"));
+    let missing = at.refused("forward disk.toml -o no/such/folder.csv");
+    assert!(missing.contains("no/such/folder.csv: there is no folder no/such"), "{missing}");
     assert!(at.refused("mesh disk.toml -o mesh.xyz").contains(".vtu, .msh or .stl"));
     if cfg!(target_os = "linux") {
         assert!(at.refused("forward disk.toml -o /dev/full").contains("/dev/full: No space left"));

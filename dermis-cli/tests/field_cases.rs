@@ -57,6 +57,24 @@ fn one_untouched_row_gives_no_contacts_out_of_nothing() {
 }
 
 #[test]
+fn a_frame_of_a_million_touches_is_refused() {
+    let rows = |count: usize| "0,0.01,0.01\n".repeat(count);
+    let at = Workplace::empty();
+    at.write("most.csv", format!("frame,x_m,y_m\n{}", rows(1_000)));
+    at.write("t.csv", format!("frame,x_m,y_m\n{}", rows(1_000_000)));
+    at.good("forward tank16 --touches most.csv -o o.npy");
+    let text = at.refused("forward tank16 --touches t.csv -o o.npy");
+    assert!(text.contains("t.csv, row 1002") && text.contains("frame 0 has more than 1000 touches"), "{text}");
+}
+
+#[test]
+fn a_surface_that_lacks_triangles_is_named() {
+    let Some(at) = case("live-10-stl-half") else { return };
+    let (code, text) = said(&at, "mesh d.toml -o x.vtu");
+    assert!(code == Some(0) && text.contains("b.stl: the surface has") && text.contains("open edges"), "{text}");
+}
+
+#[test]
 fn amplitudes_in_a_signed_design_are_refused() {
     let Some(at) = case("02-sign-wrong-silent") else { return };
     refused(

@@ -2,6 +2,7 @@
 
 mod workplace;
 
+use dermis_sim::random::{sample_rng, standard_normal};
 use workplace::Workplace;
 
 /// A folder with `disk.toml`, `rest.csv`, and `ohm.csv` with two touched frames.
@@ -56,6 +57,43 @@ fn voltages_are_divided_by_the_measured_currents() {
     assert!((of_volts / resistance("--frames rest.csv") - 1.0).abs() < 1e-6, "{of_volts}");
     at.write("seven.csv", "1,1,1,1,1,1,1");
     assert!(at.refused(&format!("{run} seven.csv")).contains("seven.csv"));
+}
+
+/// 29 of 870 channels have a spike of 20 times the noise in each frame.
+#[test]
+fn spikes_of_single_channels_are_no_certain_contacts() {
+    let at = Workplace::empty();
+    at.good("forward cylinder30 -o rest.csv");
+    let rest = numbers(&at, "rest.csv").remove(0);
+    let sd = 1e-3 * (rest.iter().map(|value| value * value).sum::<f64>() / rest.len() as f64).sqrt();
+    let frame = |number: u64, spikes: usize| {
+        let mut rng = sample_rng(29, number);
+        let mut frame: Vec<f64> = rest.iter().map(|value| value + sd * standard_normal(&mut rng)).collect();
+        for spike in 0..spikes {
+            // Drive below 15, measurement from 15 on: reciprocal channels are none of these. Each drive has 29 values.
+            let (drive, measure) =
+                ((7 * spike + number as usize) % 15, 15 + (4 * spike + spike / 15 + number as usize) % 15);
+            frame[29 * drive + measure - 1] += if (number as usize + spike) % 2 == 0 { 20.0 * sd } else { -20.0 * sd };
+        }
+        frame.iter().map(f64::to_string).collect::<Vec<String>>().join(",") + "\n"
+    };
+    at.write("untouched.csv", (0..50).map(|number| frame(number, 0)).collect::<String>());
+    at.write("frames.csv", (50..70).map(|number| frame(number, 29)).collect::<String>());
+    for method in ["noser", "refined"] {
+        let command =
+            format!("contacts cylinder30 --frames frames.csv --baseline untouched.csv --method {method} -o c.jsonl");
+        let output = at.run(&command);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let text = std::fs::read_to_string(at.path("c.jsonl")).unwrap();
+        let confidences = text.lines().flat_map(|line| {
+            let frame: serde_json::Value = serde_json::from_str(line).unwrap();
+            let contacts = frame["contacts"].as_array().unwrap().clone();
+            contacts.into_iter().map(|contact| contact["confidence"].as_f64().unwrap())
+        });
+        let sure = confidences.filter(|confidence| *confidence > 0.5).count();
+        // 40 and 150 without a look at reciprocal channels.
+        assert!(sure <= 1, "{method}: {sure} contacts that are probable");
+    }
 }
 
 #[test]

@@ -243,6 +243,31 @@ fn recordings_are_replayed_recovered_and_made_tables() {
     refused(&at, "convert cut.mcap -o tables", &["tables", "exists already"]);
 }
 
+/// The serial number of an emulated device is the seed of its twin.
+#[test]
+fn a_state_of_another_device_is_not_used() {
+    let at = Workplace::new();
+    let lived = |seed: u32| {
+        let output = at.run(&format!("{DISK} --seed {seed} --for 2 --jsonl - --state kept.json"));
+        let [lines, notices] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+        let numbers = lines.lines().last().map(|line| {
+            let line: serde_json::Value = serde_json::from_str(line).unwrap();
+            line["device_serial"].as_u64()
+        });
+        assert_eq!(numbers, Some(Some(seed.into())), "{notices}");
+        notices
+    };
+    let another = "the device is number 7, the baseline is of number 3";
+    let first = lived(3);
+    assert!(first.contains("tared with 100 frames") && !first.contains("the device is number"), "{first}");
+    let same = lived(3);
+    assert!(!same.contains("tared with") && !same.contains("the device is number"), "{same}");
+    let other = lived(7);
+    assert!(other.contains(another) && other.contains("tared with 100 frames"), "{other}");
+    let again = lived(7);
+    assert!(!again.contains("tared with") && !again.contains("the device is number"), "{again}");
+}
+
 /// The number and the contacts of each frame in lines of JSON.
 fn contacts(lines: &str) -> Vec<(u64, serde_json::Value)> {
     let lines = lines.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());

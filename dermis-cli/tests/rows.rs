@@ -227,6 +227,34 @@ fn a_connection_that_is_lost_is_opened_again() {
 }
 
 #[test]
+fn rows_that_end_before_the_tare_are_said() {
+    let at = Workplace::new();
+    let skin = Skin::load(at.path("disk.toml").to_str().unwrap()).unwrap();
+    let lines: Vec<String> = frames(&skin).iter().take(30).map(row).collect();
+    let output = piped(&at, "", &lines);
+    assert!(output.status.success() && said(&output).contains("ended before the tare did"), "{}", said(&output));
+}
+
+#[test]
+fn objects_of_the_other_sign_are_named_once_and_touches_are_not() {
+    let at = Workplace::empty();
+    let tank = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/tank");
+    let said_of = |name: &str, arguments: &str| {
+        let output = at.run(&format!(
+            "contacts tank16 --frames {tank}/{name}_objects.csv --baseline {tank}/{name}_empty.csv -o c.csv {arguments}"
+        ));
+        assert!(output.status.success(), "{}", said(&output));
+        said(&output)
+    };
+    let hint = "in 1 of 1 frame a change of the other sign";
+    for name in ["metal1_plastic5_55uA", "metal1_plastic5_plastic9_metal13_20uA"] {
+        assert_eq!(said_of(name, "--method noser").matches(hint).count(), 1, "{name}");
+        assert!(!said_of(name, "--method noser --both-signs").contains("other sign"), "{name}");
+    }
+    assert!(!said_of("metal1_55uA", "--method noser").contains("other sign"));
+}
+
+#[test]
 fn contacts_in_a_tank_say_whether_they_conduct() {
     let at = Workplace::empty();
     let recorded = |what: &str| -> Vec<f64> {

@@ -2,9 +2,11 @@
 //! and fills no memory. Those that are written are there completely or not at all.
 
 use sha2::{Digest, Sha256};
+use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
 use std::io::{BufWriter, Error, ErrorKind, IntoInnerError, Read, Result, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 /// Largest file of settings, such as a recipe, a script of touches or a state, bytes.
 pub const MOST_SETTINGS_BYTES: u64 = 16 << 20;
@@ -52,7 +54,7 @@ pub fn write_whole(path: &Path, fill: impl FnOnce(&mut dyn Write) -> Result<()>)
         fill(&mut writer)?;
         return writer.flush();
     }
-    let mut writer = BufWriter::new(builder(0o666).tempfile_in(folder_of(path))?);
+    let mut writer = BufWriter::new(temporary_file(folder_of(path))?);
     fill(&mut writer)?;
     let file = writer.into_inner().map_err(IntoInnerError::into_error)?;
     file.persist(path).map_err(|error| error.error)?;
@@ -64,6 +66,8 @@ pub fn write_whole(path: &Path, fill: impl FnOnce(&mut dyn Write) -> Result<()>)
 pub struct NewFolder {
     place: PathBuf,
     beside: tempfile::TempDir,
+    /// Locked while this process works on the folder.
+    _lock: File,
 }
 
 impl NewFolder {
@@ -72,8 +76,8 @@ impl NewFolder {
     /// # Errors
     /// A parent folder that does not exist or cannot be written.
     pub fn beside(place: &Path) -> Result<Self> {
-        let beside = builder(0o777).tempdir_in(folder_of(place))?;
-        let folder = NewFolder { place: place.to_path_buf(), beside };
+        let (beside, lock) = temporary_folder(folder_of(place))?;
+        let folder = NewFolder { place: place.to_path_buf(), beside, _lock: lock };
         std::fs::create_dir(folder.path())?;
         Ok(folder)
     }
@@ -100,10 +104,89 @@ fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
+/// A new temporary file, locked until it is closed: the lock tells other processes that it is in use.
+fn temporary_file(folder: &Path) -> Result<tempfile::NamedTempFile> {
+    check_folder(folder)?;
+    remove_abandoned(folder);
+    loop {
+        let file = builder(0o666).tempfile_in(folder)?;
+        if is_kept(file.as_file(), file.path()) {
+            return Ok(file);
+        }
+    }
+}
+
+/// The same for a folder, whose lock is a file in it.
+fn temporary_folder(folder: &Path) -> Result<(tempfile::TempDir, File)> {
+    check_folder(folder)?;
+    remove_abandoned(folder);
+    loop {
+        let made = builder(0o777).tempdir_in(folder)?;
+        let path = made.path().join(LOCK);
+        // Without this file another process may have taken the folder for an abandoned one.
+        if let Ok(lock) = File::create(&path)
+            && is_kept(&lock, &path)
+        {
+            return Ok((made, lock));
+        }
+    }
+}
+
+/// A folder that is missing, by its own name instead of that of a temporary file in it.
+fn check_folder(folder: &Path) -> Result<()> {
+    match folder.is_dir() {
+        true => Ok(()),
+        false => {
+            let message = format!("there is no folder {}: make it first, or name another", folder.display());
+            Err(Error::new(ErrorKind::NotFound, message))
+        }
+    }
+}
+
+/// Locks a file that was just made; false if another process has removed it before. A file system without locks keeps
+/// all files.
+fn is_kept(file: &File, path: &Path) -> bool {
+    let _ = file.lock();
+    path.exists()
+}
+
+/// Removes what processes that were killed have left in a folder, once for each folder that this process writes to. What
+/// cannot be removed stays: it is in nobody's way.
+fn remove_abandoned(folder: &Path) {
+    static SEEN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    if !SEEN.lock().unwrap_or_else(PoisonError::into_inner).insert(folder.to_path_buf()) {
+        return;
+    }
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        if entry.file_name().to_str().is_some_and(|name| name.starts_with(PREFIX)) {
+            let _ = remove_if_abandoned(&entry.path());
+        }
+    }
+}
+
+/// Removes a temporary file or folder unless a process holds its lock. A folder that was killed between the two steps of
+/// [`NewFolder::finish`] holds the only copy of the old folder and is kept.
+fn remove_if_abandoned(path: &Path) -> Result<()> {
+    if std::fs::symlink_metadata(path)?.is_file() {
+        OpenOptions::new().write(true).open(path)?.try_lock()?;
+        return std::fs::remove_file(path);
+    }
+    let _lock = OpenOptions::new().write(true).open(path.join(LOCK))?.try_lock()?;
+    match path.join("old").exists() && path.join("new").exists() {
+        true => Ok(()),
+        false => std::fs::remove_dir_all(path),
+    }
+}
+
+/// Prefix of the names of temporary files and folders.
+const PREFIX: &str = ".dermis-";
+/// The file of a temporary folder that is locked.
+const LOCK: &str = "lock";
+
 /// Temporary files are private by default; the result gets the permissions of any other new file or folder.
 fn builder(mode: u32) -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".dermis-");
+    builder.prefix(PREFIX);
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(mode));
     #[cfg(not(unix))]
@@ -129,5 +212,26 @@ mod tests {
         if cfg!(unix) {
             assert!(read_at_most(Path::new("/dev/zero"), 1 << 20).is_err());
         }
+    }
+
+    #[test]
+    fn what_killed_processes_left_is_removed_and_what_is_in_use_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let in_use = builder(0o666).tempfile_in(folder.path()).unwrap();
+        std::fs::create_dir(at(".dermis-used")).unwrap();
+        let lock = File::create(at(".dermis-used").join(LOCK)).unwrap();
+        [in_use.as_file(), &lock].into_iter().for_each(|file| file.lock().unwrap());
+        // A killed process leaves files and folders without a lock on them.
+        std::fs::write(at(".dermis-file"), "half").unwrap();
+        for (name, contents) in [(".dermis-folder", &["new"][..]), (".dermis-replaced", &["new", "old"])] {
+            contents.iter().for_each(|inner| std::fs::create_dir_all(at(name).join(inner)).unwrap());
+            std::fs::write(at(name).join(LOCK), "").unwrap();
+        }
+        std::fs::write(at("other"), "").unwrap();
+        write_whole(&at("written"), |out| out.write_all(b"whole")).unwrap();
+        assert!(!at(".dermis-file").exists() && !at(".dermis-folder").exists());
+        assert!(at(".dermis-replaced").join("old").exists() && at("other").exists() && at("written").exists());
+        assert!(in_use.path().exists() && at(".dermis-used").exists());
     }
 }

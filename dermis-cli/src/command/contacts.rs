@@ -2,7 +2,7 @@
 
 use crate::console::print;
 use crate::failure::{Failure, Outcome};
-use crate::frames::{FrameArguments, of_each};
+use crate::frames::FrameArguments;
 use crate::method::{DetectArguments, MethodArguments};
 use crate::skin;
 use clap::{Args, ValueEnum};
@@ -64,7 +64,8 @@ impl Arguments {
         let method = self.method.prepare(&skin, &differences)?;
         let pose = self.pose(&skin, &method)?;
         let detector = self.detect.detector(&skin, &method, &differences)?;
-        let mut contacts = of_each(&differences.frames, |difference| method.contacts(difference, &detector))?;
+        let frames = &differences.frames;
+        let mut contacts = self.detect.in_each(&method, &detector, frames, |_, contacts| contacts)?;
         if let Some(pose) = pose {
             contacts.iter_mut().flatten().for_each(|contact| to_robot(contact, &pose));
         }

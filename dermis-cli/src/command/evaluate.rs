@@ -3,7 +3,7 @@
 use crate::calibrated::{CalibratedEvaluation, force_line, millimetres};
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
-use crate::frames::{FrameArguments, of_each};
+use crate::frames::FrameArguments;
 use crate::method::{DetectArguments, MethodArguments};
 use crate::press_report::{Estimate, EvaluatedPress, PressReport, ReportArguments, matched};
 use crate::range::count;
@@ -109,7 +109,7 @@ impl Arguments {
         let method = self.method.prepare(skin, &differences)?;
         let detector = self.detect.detector(skin, &method, &differences)?;
         let (rows, frames, truth) = self.chosen(differences.frames, truth)?;
-        let found = of_each(&frames, |difference| method.reconstruct().image_and_contacts(difference, &detector))?;
+        let found = self.detect.in_each(&method, &detector, &frames, |image, contacts| (image, contacts))?;
         let (images, contacts): (Vec<_>, Vec<_>) = found.into_iter().unzip();
         let score = score_contacts(&images, &contacts, &truth, method.label(), method.alpha())?;
         let surface = skin.design().body.surface();

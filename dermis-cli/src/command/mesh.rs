@@ -42,6 +42,7 @@ impl Arguments {
         }
         let report = MeshReport::new(&design, &mesh);
         warn_of_coarse_ends(&report);
+        warn_of_holes(&design, &report);
         if self.json { print_json(&as_json(&mesh, &report)) } else { print(&table(&design.name, &mesh, &report)) }
     }
 }
@@ -61,6 +62,22 @@ fn warn_of_coarse_ends(report: &MeshReport) {
     }
 }
 
+/// A sleeve has two rims, a glove without fingertips six: a surface with more has holes. A rim of a surface of n triangles has
+/// about the root of n edges; holes that meet at a node are one curve with many.
+const MOST_RIMS: usize = 6;
+
+fn warn_of_holes(design: &SkinDesign, report: &MeshReport) {
+    let ([curves, edges], Body::Mesh { path, .. }) = (report.open_curves, &design.body) else { return };
+    if curves > MOST_RIMS || edges as f64 > MOST_RIMS as f64 * (report.cell_count as f64).sqrt() {
+        warn(&format!(
+            "{}: the surface has {curves} rims and holes with {}, round which the current must flow: if the body has no such holes, the file lacks \
+             triangles; repair it in the program that wrote it",
+            path.display(),
+            counted(edges, "open edge"),
+        ));
+    }
+}
+
 fn as_json(mesh: &Mesh, report: &MeshReport) -> serde_json::Value {
     let electrodes: Vec<serde_json::Value> = report
         .electrodes
@@ -76,6 +93,8 @@ fn as_json(mesh: &Mesh, report: &MeshReport) -> serde_json::Value {
         "smallest_angle_rad": report.smallest_angle_rad,
         "shortest_edge_m": report.shortest_edge_m,
         "longest_edge_m": report.longest_edge_m,
+        "open_curves": report.open_curves[0],
+        "open_edges": report.open_curves[1],
         "hash": mesh.hash(),
         "electrodes": electrodes,
     })

@@ -83,6 +83,29 @@ fn a_contact_does_not_outlast_a_gap_and_ids_do_not_come_again() {
 }
 
 #[test]
+fn a_device_that_was_exchanged_is_tared_and_the_same_one_is_not() {
+    let mut bench = Bench::new(lab(), 65, vec![press(8.0)], Settings::default());
+    let device = |serial: u32| Command::Device { serial: serial.try_into().unwrap() };
+    bench.pipeline.command(&device(3)).unwrap();
+    bench.pipeline.command(&device(3)).unwrap();
+    // From the state of a recording or of an earlier run, too.
+    let text = serde_json::to_string(bench.pipeline.state()).unwrap();
+    let state: State = serde_json::from_str(&text).unwrap();
+    bench.pipeline = Pipeline::resume(methods(), state).unwrap();
+    until(&mut bench, 2.0);
+    bench.pipeline.take_notices();
+    bench.pipeline.command(&device(3)).unwrap();
+    assert!(until(&mut bench, 2.1).iter().all(|frame| frame.validity.is_usable()));
+    bench.pipeline.command(&device(7)).unwrap();
+    let texts: Vec<String> = bench.pipeline.take_notices().into_iter().map(|notice| notice.text).collect();
+    assert!(texts[0].starts_with("the device is number 7, the baseline is of number 3"), "{texts:?}");
+    let frames = until(&mut bench, 8.5);
+    assert!(!frames[0].validity.is_usable());
+    let last = frames.last().unwrap();
+    assert_eq!((last.contacts.len(), last.health.device_serial.map(u32::from)), (1, Some(7)));
+}
+
+#[test]
 fn an_electrode_that_is_gone_at_the_tare_is_named_and_the_rest_feels() {
     let faults = ["loose:7:1000000@0"];
     let mut bench = Bench::faulty(lab(), 64, vec![press(1.5)], Settings::default(), &faults);

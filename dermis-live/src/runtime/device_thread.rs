@@ -3,7 +3,8 @@
 use crate::LiveError;
 use crate::device::{Address, Connection, DeviceEvent, DeviceOptions, Stream};
 use crate::runtime::{Event, LiveHandle, WorkItem};
-use dermis::pipeline::Severity;
+use dermis::pipeline::{Command, Severity};
+use std::num::NonZeroU32;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -27,7 +28,12 @@ impl DeviceThread {
         self.shared.await_begin();
         let mut next = Some(connection);
         while let Some(connection) = next {
-            self.shared.connected(connection.facts().clone());
+            let facts = connection.facts();
+            self.shared.connected(facts.clone());
+            // Firmware without a serial number sends 0.
+            if let Some(serial) = NonZeroU32::new(facts.serial) {
+                self.shared.command(Command::Device { serial });
+            }
             let stream = self.listen(connection);
             self.shared.disconnected();
             next = stream.and_then(|stream| self.reconnect(stream));

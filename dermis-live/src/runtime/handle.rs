@@ -23,6 +23,7 @@ const MOST_WAITING: usize = 64;
 /// Notices of the device, and notices altogether, that subscribers receive in a second.
 const DEVICE_NOTICES: u32 = 5;
 const NOTICES: u32 = 100;
+const SECOND: Duration = Duration::from_secs(1);
 
 /// The handle of a skin being read, shared between threads.
 pub struct LiveHandle {
@@ -75,8 +76,8 @@ impl LiveHandle {
             subscribers: Mutex::default(),
             start: Instant::now(),
             early_notices: Mutex::default(),
-            device_notices: Mutex::new(NoticeLimit::new(DEVICE_NOTICES)),
-            notices: Mutex::new(NoticeLimit::new(NOTICES)),
+            device_notices: Mutex::new(NoticeLimit::new(DEVICE_NOTICES, SECOND)),
+            notices: Mutex::new(NoticeLimit::new(NOTICES, SECOND)),
             dropped: Mutex::default(),
             state: Mutex::new(pipeline.state().clone()),
             facts: Mutex::default(),

@@ -2,22 +2,20 @@
 
 use std::time::{Duration, Instant};
 
-/// The interval over which notices are counted.
-const INTERVAL: Duration = Duration::from_secs(1);
-
-/// Lets a number of notices pass in each second and counts the others.
+/// Lets a number of notices pass in each interval and counts the others.
 #[derive(Debug)]
 pub(super) struct NoticeLimit {
     most: u32,
+    interval: Duration,
     begun: Option<Instant>,
     passed: u32,
     omitted: u64,
 }
 
 impl NoticeLimit {
-    /// At most this many notices a second.
-    pub(super) fn new(most: u32) -> Self {
-        NoticeLimit { most, begun: None, passed: 0, omitted: 0 }
+    /// At most this many notices in an interval.
+    pub(super) fn new(most: u32, interval: Duration) -> Self {
+        NoticeLimit { most, interval, begun: None, passed: 0, omitted: 0 }
     }
 
     /// Whether a notice passes now; else it is counted.
@@ -34,14 +32,14 @@ impl NoticeLimit {
         passes
     }
 
-    /// The number of omitted notices that are not reported yet, once a second or at the end; none is `None`.
+    /// The number of omitted notices that are not reported yet, once in an interval or at the end; none is `None`.
     pub(super) fn take_omitted(&mut self, now: Instant, is_end: bool) -> Option<u64> {
         let is_due = self.omitted > 0 && (is_end || self.is_over(now));
         is_due.then(|| std::mem::take(&mut self.omitted))
     }
 
     fn is_over(&self, now: Instant) -> bool {
-        self.begun.is_none_or(|begun| now.saturating_duration_since(begun) >= INTERVAL)
+        self.begun.is_none_or(|begun| now.saturating_duration_since(begun) >= self.interval)
     }
 }
 
@@ -50,9 +48,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_few_pass_in_each_second_and_the_others_are_counted() {
+    fn a_few_pass_in_each_interval_and_the_others_are_counted() {
         let begun = Instant::now();
-        let mut limit = NoticeLimit::new(3);
+        const INTERVAL: Duration = Duration::from_secs(10);
+        let mut limit = NoticeLimit::new(3, INTERVAL);
         let passed = |limit: &mut NoticeLimit, at| (0..10).filter(|_| limit.passes(at)).count();
         assert_eq!(passed(&mut limit, begun), 3);
         assert_eq!(limit.take_omitted(begun, false), None);

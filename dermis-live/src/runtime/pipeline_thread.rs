@@ -3,8 +3,10 @@
 use crate::clock;
 use crate::device::IncomingFrame;
 use crate::runtime::frame::StaleWatch;
+use crate::runtime::notice_limit::NoticeLimit;
 use crate::runtime::{Event, Input, LiveFrame, LiveHandle, POLL, Popped, WorkItem};
-use dermis::pipeline::{Command, DriftFit, Pipeline, PipelineError, RebuiltMethod, Severity};
+use dermis::pipeline::{Command, DriftFit, Notice, Pipeline, PipelineError, RebuiltMethod, Severity};
+use dermis::text::counted;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -16,6 +18,10 @@ const REPORT_DROPPED: Duration = Duration::from_secs(1);
 const LATE_S: f64 = 0.05;
 /// A frame that has waited for longer than this is skipped if a newer one waits, s.
 const SKIPPED_S: f64 = 0.025;
+/// Interruptions of the frames that are reported in an interval; of the others only their number. On a busy machine frames can
+/// stop several times a second.
+const GAPS: u32 = 2;
+const GAP_INTERVAL: Duration = Duration::from_secs(10);
 /// Interval at which the state is saved for [`LiveHandle::state`].
 const SAVE: Duration = Duration::from_secs(5);
 
@@ -34,6 +40,9 @@ pub(super) struct PipelineThread {
     tried_without: Option<Vec<usize>>,
     saved_at: Instant,
     stale: StaleWatch,
+    gaps: NoticeLimit,
+    /// Whether the end of an interruption is reported, as its start was.
+    tells_end: bool,
     /// The dropped events that were reported, and when.
     reported_dropped: (BTreeMap<&'static str, u64>, Instant),
 }
@@ -50,6 +59,8 @@ impl PipelineThread {
             tried_without: None,
             saved_at: Instant::now(),
             stale: StaleWatch::new(),
+            gaps: NoticeLimit::new(GAPS, GAP_INTERVAL),
+            tells_end: false,
             reported_dropped: (BTreeMap::new(), Instant::now()),
         }
     }
@@ -73,6 +84,8 @@ impl PipelineThread {
                 Popped::Closed => break,
             }
         }
+        self.report_gaps(true);
+        self.report_missing_tare();
         self.shared.report_omitted(true);
         self.shared.set_state(&self.pipeline);
         self.shared.close_mailboxes();
@@ -101,7 +114,7 @@ impl PipelineThread {
                     frame = LiveFrame { message: std::mem::take(&mut frame.message), ..frame.stale(age_s) };
                 }
                 let frame = Arc::new(frame);
-                if self.stale.take(&frame) {
+                if self.stale.take(&frame) && self.tells_end {
                     self.shared.notice(Severity::Info, "frames arrive again".into());
                 }
                 self.shared.publish(&Event::Frame(frame));
@@ -123,10 +136,37 @@ impl PipelineThread {
     fn report_stale(&mut self) {
         if let Some((frame, is_first)) = self.stale.check() {
             if is_first {
-                let text = "no frames arrive: contacts and touch are unknown until they do";
-                self.shared.notice(Severity::Error, text.into());
+                self.tells_end = self.gaps.passes(Instant::now());
+                if self.tells_end {
+                    let text = "no frames arrive: contacts and touch are unknown until they do";
+                    self.shared.notice(Severity::Error, text.into());
+                }
             }
             self.shared.publish(&Event::Stale(Arc::new(frame)));
+        }
+        self.report_gaps(false);
+    }
+
+    /// Reports the interruptions that were only counted.
+    fn report_gaps(&mut self, is_end: bool) {
+        if let Some(count) = self.gaps.take_omitted(Instant::now(), is_end) {
+            let text = format!(
+                "the frames stopped {}: is the computer, or the device, too slow?",
+                counted(count, "more time")
+            );
+            self.shared.notice(Severity::Warning, text);
+        }
+    }
+
+    /// Reports that the input has ended without a baseline.
+    fn report_missing_tare(&self) {
+        if !self.shared.is_stopped() && self.pipeline.state().baseline_ohm().is_none() {
+            let needed = self.pipeline.state().settings.tare_frames;
+            let text = format!(
+                "the frames ended before the tare did, so that no contact could be found: it needs {needed} frames of the untouched \
+                 skin"
+            );
+            self.shared.notice(Severity::Warning, text);
         }
     }
 
@@ -165,6 +205,10 @@ impl PipelineThread {
                 self.tried_without = None;
                 self.shared.set_state(&self.pipeline);
                 self.shared.publish(&Event::Done(command));
+                // The pipeline has no clock: these are of now.
+                for notice in self.pipeline.take_notices() {
+                    self.shared.publish(&Event::Notice(Notice { at: clock::now(), ..notice }));
+                }
             }
             Err(error) => self.shared.notice(Severity::Error, error.to_string()),
         }

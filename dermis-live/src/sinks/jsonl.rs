@@ -8,6 +8,7 @@ use dermis::pipeline::{Timestamp, TrackedContact, Validity};
 use serde::Serialize;
 use std::io::{BufWriter, Write};
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
+use std::num::NonZeroU32;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -35,6 +36,8 @@ pub struct FrameLine<'a> {
     pub contacts: &'a [TrackedContact],
     /// Electrodes that are loose or open, by index.
     pub bad_electrodes: Vec<usize>,
+    /// Serial number of the device; `null` if it has none.
+    pub device_serial: Option<NonZeroU32>,
     /// Frames received per second.
     pub rate_hz: f64,
     /// Lost frames since the start.
@@ -58,6 +61,7 @@ impl<'a> FrameLine<'a> {
             touched: result.touched,
             contacts: &result.contacts,
             bad_electrodes: (0..electrodes.len()).filter(|&index| electrodes[index].state.is_bad()).collect(),
+            device_serial: result.health.device_serial,
             rate_hz: result.health.rate_hz,
             lost: result.health.counts.lost,
             skipped: 0,

@@ -8,6 +8,10 @@ use crate::geom::{PlaceLimits, Point3, Surface};
 use crate::text::counted;
 use std::path::Path;
 
+/// More touches of a frame are a mistake: electrodes are at most 1,024, and no skin tells as many touches apart. The time to
+/// simulate them and to match them with contacts stays below seconds.
+const MOST_TOUCHES: usize = 1_000;
+
 /// Ground truth of touches.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Truth {
@@ -27,7 +31,7 @@ pub enum Truth {
 /// contains x, y, z (m) and optionally the force (N) of one press for each frame in turn, in its own coordinate frame.
 ///
 /// # Errors
-/// As [`read_table`]; columns that are missing or unknown; a frame that does not exist; values that are not finite; a
+/// As [`read_table`]; columns that are missing or unknown; a frame that does not exist, or has more than 1,000 touches; values that are not finite; a
 /// position off the body, with the unit in which it is probably given.
 pub fn read_truth(path: &Path, limits: &PlaceLimits, frame_count: usize) -> Result<Truth, TableError> {
     let table = read_table(path, "truth")?;
@@ -199,6 +203,10 @@ fn on_skin(
             .map_err(|message| cell(columns.frame.map(|column| column + 1), message))?;
         let touch = columns.touch(values, limits).map_err(|message| cell(None, message))?;
         let frame_touches: &mut Vec<Contact> = &mut touches[frame];
+        if frame_touches.len() == MOST_TOUCHES {
+            let message = format!("frame {frame} has more than {MOST_TOUCHES} touches, the most that a frame can have");
+            return Err(cell(columns.frame.map(|column| column + 1), message));
+        }
         let id = frame_touches.len() as u64;
         frame_touches.push(Contact { id, ..touch });
     }

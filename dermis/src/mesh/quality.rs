@@ -30,6 +30,9 @@ pub struct MeshReport {
     pub shortest_edge_m: f64,
     /// Longest edge, m.
     pub longest_edge_m: f64,
+    /// Closed curves of edges that belong to one triangle alone, and the number of these edges: rims and holes of a surface; 0 on
+    /// tetrahedra.
+    pub open_curves: [usize; 2],
     /// The size of each electrode, in their order.
     pub electrodes: Vec<ElectrodeReport>,
 }
@@ -91,6 +94,7 @@ impl MeshReport {
             smallest_angle_rad: angle,
             shortest_edge_m: shortest,
             longest_edge_m: longest,
+            open_curves: mesh.open_curves(),
             electrodes: (0..mesh.electrodes.len()).map(electrode).collect(),
         }
     }

@@ -247,6 +247,29 @@ fn triangle_edges(cells: &[[usize; 3]]) -> HashMap<[usize; 2], Vec<usize>> {
     edges
 }
 
+impl Mesh {
+    /// The number of connected curves of edges that belong to one triangle alone, and of these edges; 0 on tetrahedra.
+    pub(super) fn open_curves(&self) -> [usize; 2] {
+        let Cells::Triangles(cells) = &self.cells else { return [0; 2] };
+        let Ok(edges) = triangle_boundary(cells) else { return [0; 2] };
+        let mut next: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for edge in edges.keys() {
+            next.entry(edge[0]).or_default().push(edge[1]);
+            next.entry(edge[1]).or_default().push(edge[0]);
+        }
+        let mut curves = 0;
+        while let Some((node, others)) = next.pop_first() {
+            curves += 1;
+            let mut waiting = others;
+            waiting.push(node);
+            while let Some(node) = waiting.pop() {
+                waiting.extend(next.remove(&node).into_iter().flatten());
+            }
+        }
+        [curves, edges.len()]
+    }
+}
+
 /// The edges that belong to one triangle, with the triangle; also checks that all other edges have two triangles of
 /// consistent orientation.
 fn triangle_boundary(cells: &[[usize; 3]]) -> Result<BTreeMap<Vec<usize>, usize>, MeshError> {

@@ -21,6 +21,7 @@ pub use set::MethodSet;
 
 use crate::contact::Contact;
 use crate::detect::Detector;
+use crate::estimate::contradiction::Contradiction;
 use crate::estimate::noise::{ChannelNoise, NoiseSource};
 use crate::frame::{Differences, Frame};
 use crate::image::Image;
@@ -222,6 +223,10 @@ impl Method {
     /// A reconstruction that fails on a frame.
     pub fn detector(&self, untouched: &[Frame], protocol: &Protocol) -> Result<Detector, ReconstructError> {
         let detector = Detector::new(self.reconstruct.detection());
+        let detector = match ChannelNoise::of(untouched, protocol) {
+            Some(noise) => contradicted(detector, &noise, protocol),
+            None => detector,
+        };
         Ok(match image_noise(self.reconstruct.as_ref(), untouched, protocol)? {
             Some(noise) => detector.with_noise(noise),
             None => detector,
@@ -237,6 +242,7 @@ impl Method {
         let detector = Detector::new(self.reconstruct.detection());
         let Some(noise) = ChannelNoise::of_differences(differences, protocol) else { return Ok(detector) };
         let detector = if noise.source() == NoiseSource::Assumed { detector.with_doubt() } else { detector };
+        let detector = contradicted(detector, &noise, protocol);
         Ok(match image_noise_of(self.reconstruct.as_ref(), &noise, &differences.rest())? {
             Some(noise) => detector.with_noise(noise),
             None => detector,
@@ -384,6 +390,14 @@ impl Methods {
 /// Whether the name of a method is the path of a folder: it contains a path separator.
 pub fn is_path(name: &str) -> bool {
     name.contains(std::path::is_separator)
+}
+
+/// A detector that asks the reciprocal channels of each frame, if the scatter of other frames tells their usual noise.
+fn contradicted(detector: Detector, noise: &ChannelNoise, protocol: &Protocol) -> Detector {
+    match noise.source() {
+        NoiseSource::Scatter => detector.with_contradiction(Contradiction::new(protocol, noise.sd_ohm())),
+        NoiseSource::Reciprocity | NoiseSource::Frames | NoiseSource::Assumed => detector,
+    }
 }
 
 #[cfg(test)]

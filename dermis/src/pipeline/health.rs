@@ -4,12 +4,16 @@ use crate::finding::Severity;
 use crate::pipeline::frame::Counts;
 use crate::pipeline::timestamp::Timestamp;
 use serde::{Deserialize, Serialize};
+use std::num::NonZeroU32;
 
 /// State of the skin and its instrument.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Health {
+    /// Serial number of the device; absent if it has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub device_serial: Option<NonZeroU32>,
     /// Every electrode, by its number.
     pub electrodes: Vec<ElectrodeHealth>,
     /// Root mean square of the noise of all channels in use, relative to the tare; `null` while it is unknown.

@@ -85,6 +85,7 @@ pub use validity::{InvalidReason, Validity};
 pub use crate::finding::Severity;
 
 use crate::detect::{Detector, ImageNoise};
+use crate::estimate::contradiction::Contradiction;
 use crate::image::Image;
 use crate::method::{Method, MethodSet};
 use crate::pipeline::common_mode::CommonMode;
@@ -95,6 +96,7 @@ use crate::pipeline::reports::Reports;
 use crate::pipeline::state::Phase;
 use crate::skin::Skin;
 use crate::track::{TrackOptions, Tracker};
+use std::num::NonZeroU32;
 use std::sync::Arc;
 
 /// Computes contacts from frames.
@@ -137,6 +139,7 @@ impl Pipeline {
         let tracker = Tracker::on(pixels, TrackOptions::for_skin(pixels, design.electrodes.len()));
         let state = State {
             settings,
+            device_serial: None,
             phase,
             start: None,
             last: None,
@@ -290,10 +293,8 @@ impl Pipeline {
     /// An unknown method, a setting out of its range.
     pub fn command(&mut self, command: &Command) -> Result<(), PipelineError> {
         match command {
-            Command::Tare => {
-                self.state.phase = Phase::Taring { frames: Vec::new() };
-                self.state.tracker.clear();
-            }
+            Command::Tare => self.begin_tare(),
+            Command::Device { serial } => self.use_device(*serial),
             Command::Threshold { value } => self.set(Settings { threshold: *value, ..self.state.settings.clone() })?,
             Command::Zones { zones } => self.set(Settings { zones: zones.clone(), ..self.state.settings.clone() })?,
             Command::Method { name } => {
@@ -305,6 +306,24 @@ impl Pipeline {
             Command::Rebuild => drop(self.install_method(self.rebuild_job().run()?)),
         }
         Ok(())
+    }
+
+    /// Begins to measure the baseline.
+    fn begin_tare(&mut self) {
+        self.state.tracker.clear();
+        self.state.phase = Phase::Taring { frames: Vec::new() };
+    }
+
+    /// The baseline of another device is not used.
+    fn use_device(&mut self, serial: NonZeroU32) {
+        let before = self.state.device_serial.replace(serial);
+        let Some(before) = before.filter(|before| *before != serial) else { return };
+        let text = format!(
+            "the device is number {serial}, the baseline is of number {before}: it is not used, and the skin is tared again. \
+             Leave it untouched until then"
+        );
+        self.notice(Severity::Warning, text, self.state.last.unwrap_or(Timestamp { unix_ns: 0 }));
+        self.begin_tare();
     }
 
     fn set(&mut self, settings: Settings) -> Result<(), PipelineError> {
@@ -322,6 +341,10 @@ impl Pipeline {
         let mut detector = Detector::new(options);
         if self.state.settings.both_signs {
             detector = detector.with_both_signs(self.skin().design().sheet.touch.change());
+        }
+        if let Phase::Reading(reading) = &self.state.phase {
+            let protocol = &self.methods.skin().design().protocol;
+            detector = detector.with_contradiction(Contradiction::new(protocol, reading.electrodes.noise_ohm()));
         }
         self.detector = match &self.noise {
             Some(noise) => detector.with_noise(noise.clone()),

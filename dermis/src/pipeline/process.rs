@@ -149,8 +149,7 @@ impl Pipeline {
         let text =
             "a touch has ended that was there at the tare: the skin is tared again. Leave it untouched until then";
         self.notice(Severity::Warning, text.into(), at);
-        self.state.tracker.clear();
-        self.state.phase = Phase::Taring { frames: Vec::new() };
+        self.begin_tare();
     }
 
     /// Starts to detect contacts, with the frames of the tare.
@@ -219,6 +218,7 @@ impl Pipeline {
             return;
         }
         let mut health = Health {
+            device_serial: self.state.device_serial,
             saturated_channels: input.measurement.saturated.len(),
             masked_channels: marked(&self.masked).len(),
             rate_hz: input.rate_hz,

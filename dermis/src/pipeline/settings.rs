@@ -6,6 +6,7 @@ use crate::image::PixelSpace;
 use crate::method::{Method, MethodSet};
 use crate::pipeline::error::PipelineError;
 use serde::{Deserialize, Serialize};
+use std::num::NonZeroU32;
 
 /// Settings that can change between two frames.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -152,4 +153,10 @@ pub enum Command {
     },
     /// Prepare the method again without the masked channels.
     Rebuild,
+    /// The frames that follow are those of a device with this serial number. Another one than that of the baseline begins a
+    /// tare: the readings of two instruments differ by more than a touch changes them.
+    Device {
+        /// Its serial number.
+        serial: NonZeroU32,
+    },
 }

@@ -15,6 +15,7 @@ use crate::pipeline::touch_detector::TouchDetector;
 use crate::pipeline::trial::TrialMeans;
 use crate::track::Tracker;
 use serde::{Deserialize, Serialize};
+use std::num::NonZeroU32;
 
 /// The baseline follows the frames after this time without a touch, s.
 const QUIET_S: f64 = 0.5;
@@ -27,6 +28,9 @@ const UNEXPLAINED_S: f64 = 5.0;
 pub struct State {
     /// The settings.
     pub settings: Settings,
+    /// Serial number of the device that the baseline was measured with; `None` if it has none or is unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) device_serial: Option<NonZeroU32>,
     pub(super) phase: Phase,
     /// Time of the first frame: the zero of the tracker's clock.
     #[serde(rename = "begun")]

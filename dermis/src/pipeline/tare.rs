@@ -10,7 +10,7 @@ use crate::pipeline::matched_filter::MatchedFilter;
 use crate::pipeline::touch_detector::statistic;
 use crate::plausibility::Plausibility;
 use crate::skin::Skin;
-use crate::stats::upper_median;
+use crate::stats::{rms, upper_median};
 
 /// A frame whose mean square deviation from the median frame is this many times what the changes from frame to frame explain has
 /// moved; so has one that the test for weak touches feels, in either direction: the median may be the touched one.
@@ -33,7 +33,14 @@ pub(super) struct Tared {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Refusal {
     /// The skin is touched, or its values change.
-    Moving { frames: usize, of: usize },
+    Moving {
+        /// How many frames moved.
+        frames: usize,
+        /// Of so many.
+        of: usize,
+        /// Deviation of the values over that of their noise from frame to frame, of the median channel.
+        swing: f64,
+    },
     /// All frames are equal.
     Frozen,
     /// They are not those of the design.
@@ -44,8 +51,9 @@ impl Refusal {
     /// In words, with the fix.
     pub(super) fn text(&self) -> String {
         match self {
-            Refusal::Moving { frames, of } => format!(
-                "no tare yet: {frames} of {of} frames differ from the others. Leave the skin untouched until the tare ends"
+            Refusal::Moving { frames, of, swing } => format!(
+                "no tare yet: {frames} of {of} frames differ from the others, by {swing:.1} times the noise. Leave the skin untouched \
+                 until the tare ends; if nothing touches it, look for hum: a cable that is not shielded, a ground, a supply"
             ),
             Refusal::Frozen => {
                 "no tare: all frames are the same, as those of a frozen instrument. Check it; accept frames of a \
@@ -91,7 +99,8 @@ pub(super) fn judge(
     let moved = moved(&values, &median, skin, &modes_of(modes, &median))?;
     let count = moved.iter().filter(|moved| **moved).count();
     if count as f64 > MOST_MOVED * frames.len() as f64 {
-        return Ok(Err((Refusal::Moving { frames: count, of: frames.len() }, frames)));
+        let swing = swing(&values, &median);
+        return Ok(Err((Refusal::Moving { frames: count, of: frames.len(), swing }, frames)));
     }
     let is_near_moved = |frame: usize| {
         let near = frame.saturating_sub(BESIDE)..(frame + BESIDE + 1).min(moved.len());
@@ -100,6 +109,16 @@ pub(super) fn judge(
     let is_near: Vec<bool> = (0..frames.len()).map(is_near_moved).collect();
     let kept = frames.into_iter().zip(is_near).filter(|(_, is_near)| !is_near).map(|(frame, _)| frame);
     Ok(Ok(Tared { frames: kept.collect(), doubt: found }))
+}
+
+/// The deviation of the values from the median frame over that of successive frames, of the median channel.
+fn swing(values: &[&[f64]], median: &Frame) -> f64 {
+    let ratio = |channel: usize| {
+        let about = rms(values.iter().map(|values| values[channel] - median[channel]));
+        let following = rms(values.windows(2).map(|pair| (pair[1][channel] - pair[0][channel]) / 2f64.sqrt()));
+        about / following
+    };
+    upper_median(&(0..median.len()).map(ratio).filter(|ratio| ratio.is_finite()).collect::<Vec<f64>>()).unwrap_or(0.0)
 }
 
 /// Which frames differ from the median of all by more than successive frames from each other.

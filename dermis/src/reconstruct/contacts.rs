@@ -45,11 +45,12 @@ impl dyn Reconstruct + '_ {
         search: Search<'_>,
         image: &mut Image,
     ) -> Result<Vec<Detection>, ReconstructError> {
+        let difference = &search.detector.without_spikes(difference);
         self.reconstruct_into(difference, &mut image.values)?;
         if let Some(contacts) = self.contacts(difference)? {
             return Ok(contacts.into_iter().map(|contact| Detection { contact, signal: f64::INFINITY }).collect());
         }
-        let detected = search.detector.detect_under(image);
+        let detected = search.detector.detect_in(difference, image);
         let mut contacts: Vec<Contact> = detected.iter().map(|(contact, _)| *contact).collect();
         self.correct(difference, &mut contacts);
         let unseen = search.unseen.filter(|_| search.alone || !detected.is_empty());

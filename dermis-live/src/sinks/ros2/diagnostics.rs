@@ -38,6 +38,7 @@ fn instrument(reference: &Reference, result: &PipelineFrame) -> DiagnosticStatus
     };
     let values = vec![
         value("validity", validity.name()),
+        value("serial number", health.device_serial.map_or_else(|| "none".into(), |serial| serial.to_string())),
         value("noise (times that at the tare)", known(health.noise)),
         value("reciprocity (times what noise explains)", known(health.reciprocity)),
         value("saturated channels", saturated),
