@@ -73,7 +73,8 @@ fn spikes_of_single_channels_are_no_certain_contacts() {
             // Drive below 15, measurement from 15 on: reciprocal channels are none of these. Each drive has 29 values.
             let (drive, measure) =
                 ((7 * spike + number as usize) % 15, 15 + (4 * spike + spike / 15 + number as usize) % 15);
-            frame[29 * drive + measure - 1] += if (number as usize + spike) % 2 == 0 { 20.0 * sd } else { -20.0 * sd };
+            frame[29 * drive + measure - 1] +=
+                if (number as usize + spike).is_multiple_of(2) { 20.0 * sd } else { -20.0 * sd };
         }
         frame.iter().map(f64::to_string).collect::<Vec<String>>().join(",") + "\n"
     };
