@@ -171,7 +171,7 @@ fn remove_if_abandoned(path: &Path) -> Result<()> {
         OpenOptions::new().write(true).open(path)?.try_lock()?;
         return std::fs::remove_file(path);
     }
-    let _lock = OpenOptions::new().write(true).open(path.join(LOCK))?.try_lock()?;
+    OpenOptions::new().write(true).open(path.join(LOCK))?.try_lock()?;
     match path.join("old").exists() && path.join("new").exists() {
         true => Ok(()),
         false => std::fs::remove_dir_all(path),
