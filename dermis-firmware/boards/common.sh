@@ -11,7 +11,6 @@ trap finish EXIT
 
 # Of its own: the build of the workspace must not see the boards' flags.
 built=${CARGO_TARGET_DIR:-$PWD/target}/boards
-an386=$built/thumbv7em-none-eabihf/release/dermis-board-mps2-an386
 pico=$built/thumbv6m-none-eabi/release/dermis-board-pico
 
 # The tables of the skin, in its own file, which the boards and the Pico's emulator read.

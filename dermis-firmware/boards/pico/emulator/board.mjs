@@ -22,7 +22,10 @@ function pinsOf([source, sink, plus, minus]) {
   return source | (sink << 5) | (inputs[0] << 10) | (inputs[1] << 15) | (isFree ? 1 << 20 : 0);
 }
 
-/** Readings by slot: the file's layout is described in `../../mps2-an386/src/replay.rs`. */
+/**
+ * Readings by slot of a file of `dermis check-device --readings`, little-endian: u32 0x31445244 ("DRD1"), u16 slots, u16 frames;
+ * for each slot u16 source, sink, plus, minus (0xFFFF twice for the reference resistor); for each frame an i16 per slot.
+ */
 export function readReadings(path) {
   const bytes = readFileSync(path);
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
