@@ -6,6 +6,7 @@ use thiserror::Error;
 
 /// A calibration that cannot be made, stored or used.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum CalibrateError {
     /// Fewer labelled presses than a fit needs.
     #[error(

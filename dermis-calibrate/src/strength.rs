@@ -33,6 +33,7 @@ const WITHIN_ONE_SD: f64 = 0.682_689_492;
 
 /// Why the forces of labels are not used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
 pub enum UnusedForces {
     /// Fewer labels than a relation needs.
     #[error("at least {FEWEST_FORCES} labels are needed, and there are {0}")]

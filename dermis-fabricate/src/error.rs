@@ -7,6 +7,7 @@ use thiserror::Error;
 
 /// What a workshop cannot make, or a folder that cannot be written.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum FabricateError {
     /// A design whose table `[fabrication]` does not fit it.
     #[error(transparent)]

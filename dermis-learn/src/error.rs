@@ -5,6 +5,7 @@ use thiserror::Error;
 
 /// A network that cannot be trained, loaded or used.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum LearnError {
     /// An error of the sensing library: a design, a mesh, a reconstruction.
     #[error(transparent)]

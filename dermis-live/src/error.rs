@@ -5,6 +5,7 @@ use thiserror::Error;
 
 /// A live skin that cannot be read, recorded or published.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum LiveError {
     /// The skin itself: its design, model or method.
     #[error(transparent)]

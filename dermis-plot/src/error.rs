@@ -4,6 +4,7 @@ use thiserror::Error;
 
 /// Why a picture cannot be made.
 #[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
 pub enum PlotError {
     /// A body that is known only by its mesh has no flat layout.
     #[error("a body that is known only by its mesh cannot be unrolled")]

@@ -7,6 +7,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// The errors of this crate, by module.
 #[derive(Debug, ThisError)]
+#[non_exhaustive]
 pub enum Error {
     /// An error of the sensing library: a design, a mesh, a forward problem, a reconstruction, a table of numbers.
     #[error(transparent)]

@@ -23,6 +23,7 @@ use thiserror::Error;
 
 /// A touch or a noise that cannot be simulated.
 #[derive(Debug, Error, PartialEq)]
+#[non_exhaustive]
 pub enum TouchError {
     /// A touch that would leave no conductance at its centre.
     #[error(

@@ -8,6 +8,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// Errors of a study.
 #[derive(Debug, ThisError)]
+#[non_exhaustive]
 pub enum Error {
     /// A design, a mesh, a forward problem, a reconstruction or a table that cannot be used.
     #[error(transparent)]

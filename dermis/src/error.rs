@@ -7,6 +7,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// All errors of this crate, by module.
 #[derive(Debug, ThisError)]
+#[non_exhaustive]
 pub enum Error {
     /// A design that cannot be read or cannot be built.
     #[error(transparent)]

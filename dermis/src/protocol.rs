@@ -45,6 +45,7 @@ impl Channel {
 
 /// A protocol with an electrode that does not exist or a drive that is not possible.
 #[derive(Debug, Error, PartialEq)]
+#[non_exhaustive]
 pub enum ProtocolError {
     /// Fewer electrodes than imaging needs.
     #[error("{electrode_count} electrodes are too few: a skin needs at least 4")]

@@ -34,6 +34,7 @@ use thiserror::Error;
 
 /// An error of a recording: the file, the place, the fix.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum RecordError {
     /// A file or folder of that name exists already.
     #[error("{}: exists already; give another name, or move it away first", path.display())]

@@ -5,6 +5,7 @@ use thiserror::Error;
 
 /// A dataset that cannot be generated, read or continued.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum DatasetError {
     /// A number that is invalid for a dataset.
     #[error("{what} is {value}: it must be {must}")]

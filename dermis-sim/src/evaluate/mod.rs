@@ -41,6 +41,7 @@ use thiserror::Error;
 
 /// A score that cannot be computed.
 #[derive(Debug, Error, PartialEq)]
+#[non_exhaustive]
 pub enum EvaluateError {
     /// A ground truth that does not fit the frames.
     #[error("{0}")]

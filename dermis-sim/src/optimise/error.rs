@@ -5,6 +5,7 @@ use thiserror::Error;
 
 /// Why a design cannot be optimised.
 #[derive(Debug, Error, PartialEq)]
+#[non_exhaustive]
 pub enum OptimiseError {
     /// The body is filled with conductor.
     #[error("the conductor fills the body: electrodes are placed on coatings only (give `sheet_resistance_ohm`)")]

@@ -5,6 +5,7 @@ use thiserror::Error;
 
 /// A twin that cannot be built, or a press that it cannot simulate.
 #[derive(Debug, Error, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum TwinError {
     /// A number that is invalid for a twin.
     #[error("`{field}` is {value}: it must be {must} ({fix})")]

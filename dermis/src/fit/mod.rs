@@ -86,6 +86,7 @@ pub struct FitOptions {
 
 /// Frames to which a design cannot be fitted.
 #[derive(Debug, Error, PartialEq)]
+#[non_exhaustive]
 pub enum FitError {
     /// No frame.
     #[error("there is no frame to fit to")]

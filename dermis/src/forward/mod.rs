@@ -35,6 +35,7 @@ use thiserror::Error;
 
 /// A forward problem without a solution.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum ForwardError {
     /// A conductivity that is not positive and finite.
     #[error("the conductivity of cell {cell} is {value}: it must be positive and finite")]

@@ -41,6 +41,7 @@ pub fn write_whole(path: &Path, fill: impl FnOnce(&mut dyn Write) -> std::io::Re
 
 /// A table of numbers that cannot be read or written: the file, the row and column, and the problem.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum TableError {
     /// A file that cannot be opened, read or written.
     #[error("{}: {source}", path.display())]

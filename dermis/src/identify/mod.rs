@@ -93,6 +93,7 @@ impl Default for IdentifyOptions {
 
 /// A skin that cannot be identified.
 #[derive(Debug, Error, PartialEq)]
+#[non_exhaustive]
 pub enum IdentifyError {
     /// A list of another length than the protocol.
     #[error("{what} has {got} values, but the protocol has {expected}")]

@@ -21,6 +21,7 @@ use thiserror::Error;
 
 /// A mesh that cannot be generated, read, written or used.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum MeshError {
     /// A file that cannot be opened, read or written.
     #[error("{}: {source}", path.display())]

@@ -38,6 +38,7 @@ use thiserror::Error;
 
 /// A method that cannot be prepared.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum MethodError {
     /// No method of that name for the skin.
     #[error("there is no method `{name}` for the skin `{skin}`: give one of {}, or the folder of a network or a calibration, as in ./{name}", known.join(", "))]

@@ -6,6 +6,7 @@ use thiserror::Error;
 
 /// A pipeline that cannot be created, or a frame or command that it refuses.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum PipelineError {
     /// A method that does not exist or cannot be prepared.
     #[error(transparent)]

@@ -44,6 +44,7 @@ use thiserror::Error;
 
 /// A reconstruction that cannot be set up or carried out.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum ReconstructError {
     /// A difference of another length than the protocol's.
     #[error("the frame has {got} values, but the protocol has {expected}")]

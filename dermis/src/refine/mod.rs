@@ -98,6 +98,7 @@ impl Default for RefineOptions {
 
 /// A skin on which contacts cannot be refined.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum RefineError {
     /// A mesh of tetrahedra.
     #[error("contacts are refined on skins of triangles, not in volumes: choose a method without refinement")]

@@ -21,6 +21,7 @@ const HIGHEST_DOMAIN: u16 = 232;
 
 /// Errors of publishing.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum PublishError {
     /// A domain that does not exist.
     #[error("ROS domain `{given}`: give a whole number from 0 to {HIGHEST_DOMAIN}, by option or as ROS_DOMAIN_ID")]

@@ -24,6 +24,7 @@ use thiserror::Error;
 
 /// Bytes that are not a message of the requested type.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum DecodeError {
     /// The four bytes of the header indicate an encoding other than plain CDR, little-endian.
     #[error("the message is not in plain little-endian CDR: it begins with {0:02x?} instead of [00, 01, 00, 00]")]
