@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 const SCALES: [[f64; 2]; 5] = [[4.5, 2.0], [1.9, 1.0], [1.0, 1.0], [0.475, 1.0], [0.292, 1.0]];
 /// Time per line, and the minimum number of batches.
 const PATIENCE: Duration = Duration::from_millis(1500);
-const FEWEST: usize = 9;
+const MIN: usize = 9;
 
 /// One line per mesh and instruction set: `batched_ms` and `single_ms` are medians per sample.
 pub fn print() -> Result<(), Box<dyn Error>> {
@@ -46,7 +46,7 @@ fn time_at(problem: &Problem, level: SimdLevel) -> Result<Vec<f64>, Box<dyn Erro
     solver.solve_into(&batch, &mut frames)?;
     let mut times = Vec::new();
     let begin = Instant::now();
-    while times.len() < FEWEST || begin.elapsed() < PATIENCE {
+    while times.len() < MIN || begin.elapsed() < PATIENCE {
         let start = Instant::now();
         solver.solve_into(&batch, &mut frames)?;
         times.push(start.elapsed().as_secs_f64() / LANES as f64);

@@ -16,7 +16,7 @@ use dermis::protocol::Protocol;
 use dermis::skin::Skin;
 
 /// Fewest labelled presses.
-pub const FEWEST_LABELS: usize = 8;
+pub const MIN_LABELS: usize = 8;
 /// A frame whose residual exceeds that of the labels by this factor is unlike any of them.
 const UNLIKE: f64 = 2.0;
 
@@ -79,7 +79,7 @@ impl Calibration {
     /// are in the order of their rows.
     ///
     /// # Errors
-    /// Fewer than [`FEWEST_LABELS`] labels or three different positions; labels of frames that do not exist; labels in
+    /// Fewer than [`MIN_LABELS`] labels or three different positions; labels of frames that do not exist; labels in
     /// a robot's frame on a skin that is not flat; a fit without a solution.
     pub fn fit(skin: &Skin, frames: &[Frame], labels: &[Label], frame: LabelFrame) -> Result<Self, CalibrateError> {
         let protocol = &skin.design().protocol;
@@ -210,8 +210,8 @@ pub(crate) fn check(frames: &[Frame], protocol: &Protocol, labels: &[Label]) -> 
     let mut places: Vec<[u64; 3]> = labels.iter().map(|label| label.position_m.map(f64::to_bits)).collect();
     places.sort_unstable();
     places.dedup();
-    if labels.len() < FEWEST_LABELS || places.len() < 3 {
-        return Err(CalibrateError::TooFewLabels { given: labels.len(), places: places.len(), needed: FEWEST_LABELS });
+    if labels.len() < MIN_LABELS || places.len() < 3 {
+        return Err(CalibrateError::TooFewLabels { given: labels.len(), places: places.len(), needed: MIN_LABELS });
     }
     Ok(())
 }

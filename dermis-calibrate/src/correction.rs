@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Fewest presses that the method must find.
-pub(crate) const FEWEST_FOUND: usize = 20;
+pub(crate) const MIN_FOUND: usize = 20;
 /// A contact further from the label is not that press, m.
 const GATE_M: f64 = dermis::contact::GATE_M;
 /// Typical length over which errors of a method vary, as a part of the size of the skin.
@@ -113,7 +113,7 @@ impl Correction {
     ) -> Result<Self, CalibrateError> {
         let surface = &pixels.surface;
         let (found, evidence) = find(surface, method, detector, frames, labels)?;
-        if found.len() < FEWEST_FOUND {
+        if found.len() < MIN_FOUND {
             let (found, labels) = (found.len(), labels.len());
             return Err(CalibrateError::TooFewFound { method: method.name().into(), found, labels });
         }
@@ -208,7 +208,7 @@ impl ForceCorrection {
     /// The correction, and what the logarithm of each force leaves unexplained by leave-one-out; `None` without forces.
     fn fit(found: &[Found], frames: &[Frame], length_m: f64) -> Result<Option<(Self, Vec<f64>)>, CalibrateError> {
         let known: Vec<&Found> = found.iter().filter(|one| one.label.force_n > 0.0).collect();
-        if known.len() < FEWEST_FOUND {
+        if known.len() < MIN_FOUND {
             return Ok(None);
         }
         let logs: Vec<f64> = known.iter().map(|one| one.label.force_n.ln()).collect();

@@ -26,7 +26,7 @@ pub enum CalibrateError {
     #[error(
         "{method} finds {found} of {} within 20 mm: a correction needs {}",
         counted(*labels, "labelled press"),
-        crate::correction::FEWEST_FOUND
+        crate::correction::MIN_FOUND
     )]
     TooFewFound {
         /// The method.

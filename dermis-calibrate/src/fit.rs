@@ -20,7 +20,7 @@ use std::ops::Range;
 /// Unlabelled presses help below this number of labels.
 const ENOUGH_LABELS: usize = 300;
 /// Unlabelled presses that are used, at most: those next to the labels.
-const MOST_UNLABELLED: usize = 300;
+const MAX_UNLABELLED: usize = 300;
 /// Rounds in which unlabelled presses are located and then used.
 const ROUNDS: usize = 3;
 /// Part of the unlabelled presses that is used: those located best.
@@ -28,7 +28,7 @@ const USED_PART: f64 = 0.8;
 /// Factor on the stated variance of an unlabelled position.
 const CAUTION: f64 = 2.0;
 /// Smallest standard deviation of an unlabelled position, m.
-const LEAST_SD_M: f64 = 0.001;
+const MIN_SD_M: f64 = 0.001;
 /// Part of the labels that follow an unlabelled frame, above which the positions of these frames are estimated.
 const SCATTERED_PART: f64 = 0.1;
 /// Rounds in which the amplitudes of labels are estimated, each with the map of the changes scaled by those before.
@@ -170,7 +170,7 @@ impl<'a> Fit<'a> {
             let previous_m =
                 row.checked_sub(1).and_then(|before| self.positions[before]).map(|(position_m, _)| position_m);
             let located = locator.locate(&self.recording.measured[row], previous_m, row as f64);
-            let variance = located.sd_m().powi(2) + LEAST_SD_M.powi(2);
+            let variance = located.sd_m().powi(2) + MIN_SD_M.powi(2);
             self.positions[row] = Some((located.position_m, CAUTION * variance));
             variance
         };
@@ -206,7 +206,7 @@ impl<'a> Fit<'a> {
             after.min(before)
         };
         rows.sort_by_key(apart);
-        rows.truncate(MOST_UNLABELLED);
+        rows.truncate(MAX_UNLABELLED);
         rows.sort_unstable();
         rows
     }

@@ -34,7 +34,7 @@ pub struct Alternatives {
 /// Labels with less [evidence](Quality::evidence) than this do not belong to their frames. The evidence of useless labels
 /// has a standard deviation of 1.56 (34 sets, `--test useless_labels`), not 1, since the maps of the folds share labels
 /// (Bengio and Grandvalet, 2004, JMLR 5, 1089); three of these are needed.
-const LEAST_EVIDENCE: f64 = 3.0 * 1.56;
+const MIN_EVIDENCE: f64 = 3.0 * 1.56;
 
 impl Alternatives {
     /// Why a calibration is of no use, if so.
@@ -48,10 +48,10 @@ impl Alternatives {
         if let Some((name, before_m)) = self.uncalibrated.as_ref().filter(|(_, before_m)| *before_m < mean_error_m) {
             return Some(format!("{located}; {name} without a calibration to {}", mm(*before_m)));
         }
-        let evidence = fitted.evidence().filter(|&evidence| evidence < LEAST_EVIDENCE)?;
+        let evidence = fitted.evidence().filter(|&evidence| evidence < MIN_EVIDENCE)?;
         Some(format!(
             "the labels fit their frames hardly better than in a random order: by {evidence:.1} standard deviations, where \
-             {LEAST_EVIDENCE:.1} are needed"
+             {MIN_EVIDENCE:.1} are needed"
         ))
     }
 }

@@ -10,7 +10,7 @@ use faer::{Mat, Side};
 use rayon::prelude::*;
 
 /// Presses from which the hyperparameters are estimated, at most: their cost is cubic in it.
-const MOST_FOR_HYPERPARAMETERS: usize = 250;
+const MAX_FOR_HYPERPARAMETERS: usize = 250;
 /// Whitened components of the largest variance from which the hyperparameters are estimated. The components with the
 /// most signal determine the position; a fit to all channels would be dominated by noisy ones.
 const COMPONENTS: usize = 6;
@@ -74,7 +74,7 @@ impl Hyperparameters {
     /// is profiled): first from all channels, then from the whitened components with the most signal.
     pub(crate) fn estimate(samples: &Samples) -> Result<Self, CalibrateError> {
         let extent = samples.extent();
-        let part = samples.select(&spread_over(samples.len(), MOST_FOR_HYPERPARAMETERS));
+        let part = samples.select(&spread_over(samples.len(), MAX_FOR_HYPERPARAMETERS));
         let first = maximise(&part, &centred(&part.values), &extent, Covariance::typical(&extent));
         let whitening = whitening_of(samples, &first, &extent)?;
         let white = centred(&samples.values) * &whitening;

@@ -14,7 +14,7 @@ const ITERATIONS: usize = 40;
 /// Standard deviation of the logarithm of a hyperparameter about its typical value.
 const PRIOR_SD: f64 = 2.0;
 /// Samples from which the hyperparameters are estimated, at most: their cost is cubic in it.
-const MOST_FOR_HYPERPARAMETERS: usize = 300;
+const MAX_FOR_HYPERPARAMETERS: usize = 300;
 
 /// Where a quantity is predicted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -107,7 +107,7 @@ impl GaussianProcess {
 
 /// The hyperparameters of the largest posterior density; the scale of the values is profiled.
 fn estimate(inputs: &[Input], values: &[f64], length_m: f64) -> Hyperparameters {
-    let count = inputs.len().min(MOST_FOR_HYPERPARAMETERS);
+    let count = inputs.len().min(MAX_FOR_HYPERPARAMETERS);
     let chosen: Vec<usize> = (0..count).map(|k| k * inputs.len() / count).collect();
     let inputs: Vec<Input> = chosen.iter().map(|&index| inputs[index].clone()).collect();
     let values = Mat::from_fn(count, 1, |i, _| values[chosen[i]]);

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Largest lag that is looked for, rows.
-pub(crate) const MOST_LAG: i32 = 3;
+pub(crate) const MAX_LAG: i32 = 3;
 /// Components of the other channels that predict a channel.
 const COMPONENTS: usize = 20;
 /// Ridge of the regressions.
@@ -15,7 +15,7 @@ const RIDGE: f64 = 1e-3;
 /// Blocks of rows of the cross-validation.
 const BLOCKS: usize = 10;
 /// Fewest rows from which lags are estimated.
-const FEWEST_ROWS: usize = 60;
+const MIN_ROWS: usize = 60;
 /// A channel is late if the part of its variance that a lag leaves unexplained is smaller than that of lag 0 by this
 /// factor.
 const RATIO: f64 = 0.9;
@@ -26,14 +26,14 @@ const WEAK: (f64, f64) = (0.05, 2.0);
 /// A channel that shares its lag with less than this part of the channels of its drive, or with fewer than two others ...
 const FEW: f64 = 0.25;
 /// ... must be explained by this part at that lag, which leaves unexplained at most this part of what lag 0 leaves and explains
-/// this much more: presses next to each other look alike, too. The last is not asked for a lag of [`FEWEST_AGREED`] other channels
+/// this much more: presses next to each other look alike, too. The last is not asked for a lag of [`MIN_AGREED`] other channels
 /// of the recording.
 const ALONE: (f64, f64, f64) = (0.3, 0.6, 0.25);
 /// So must every channel where rows are this much like the next ones (their correlation), as while a finger slides or a press is
 /// held: every lag explains nearly all there.
 const SMOOTH: f64 = 0.5;
 /// Fewest channels with the same lag that tell of others.
-const FEWEST_AGREED: usize = 3;
+const MIN_AGREED: usize = 3;
 
 /// How well the other channels of each row predict one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,7 +56,7 @@ pub(crate) struct LagEvidence {
 }
 
 /// The lags that are looked for.
-pub(crate) const LAGS: std::ops::RangeInclusive<i32> = -MOST_LAG..=MOST_LAG;
+pub(crate) const LAGS: std::ops::RangeInclusive<i32> = -MAX_LAG..=MAX_LAG;
 
 /// The number of rows by which each channel is late: its value for row `i` is found in row `i + lag`. All zero where
 /// there are too few rows. See [`lag_evidence`].
@@ -69,7 +69,7 @@ pub(crate) fn channel_lags(values: &[Vec<f64>], protocol: &Protocol) -> Vec<i32>
 /// presses must be in the order of recording. `values` are in units of the channels, rows x channels.
 pub(crate) fn lag_evidence(values: &[Vec<f64>], protocol: &Protocol) -> LagEvidence {
     let channels = protocol.channel_count();
-    if values.len() < FEWEST_ROWS {
+    if values.len() < MIN_ROWS {
         return LagEvidence { explained: Vec::new(), lags: vec![0; channels] };
     }
     let mut drives: BTreeMap<[usize; 2], Vec<usize>> = BTreeMap::new();
@@ -85,7 +85,7 @@ pub(crate) fn lag_evidence(values: &[Vec<f64>], protocol: &Protocol) -> LagEvide
 }
 
 /// The evidence for all channels, after lags that are known so far: late channels are no good predictors and are left out, and a
-/// lag of [`FEWEST_AGREED`] channels is that of the recording, of which others need less evidence.
+/// lag of [`MIN_AGREED`] channels is that of the recording, of which others need less evidence.
 fn lags_after(
     before: &[i32],
     values: &[Vec<f64>],
@@ -95,7 +95,7 @@ fn lags_after(
 ) -> LagEvidence {
     let channels = before.len();
     let late: Vec<usize> = (0..channels).filter(|&channel| before[channel] != 0).collect();
-    let is_known = |lag: &i32| late.iter().filter(|&&channel| before[channel] == *lag).count() >= FEWEST_AGREED;
+    let is_known = |lag: &i32| late.iter().filter(|&&channel| before[channel] == *lag).count() >= MIN_AGREED;
     let known: Vec<i32> = LAGS.filter(is_known).collect();
     let found: Vec<(&Vec<usize>, Vec<Vec<f64>>)> = drives
         .values()
@@ -127,7 +127,7 @@ impl Evidence {
 
     /// The best of the lags, by what each explains.
     fn of(explained: &[f64]) -> Self {
-        let at_zero = explained[MOST_LAG as usize];
+        let at_zero = explained[MAX_LAG as usize];
         let mut evidence = Evidence { lag: 0, best: at_zero, at_zero };
         for (lag, &value) in LAGS.zip(explained) {
             if value > evidence.best {
@@ -160,7 +160,7 @@ fn decide(evidence: &[Evidence], weak: f64, is_smooth: bool, known: &[i32]) -> V
     let majority = votes
         .into_iter()
         .max_by_key(|(_, count)| *count)
-        .filter(|(_, count)| 2 * count > strong && *count >= FEWEST_AGREED);
+        .filter(|(_, count)| 2 * count > strong && *count >= MIN_AGREED);
     let majority = majority.map_or(0, |(lag, _)| lag);
     evidence.iter().zip(own).map(|(one, own)| if is_strong(one) { own } else { majority }).collect()
 }

@@ -37,7 +37,7 @@ mod suggest;
 mod touches;
 mod units;
 
-pub use calibration::{Calibration, FEWEST_LABELS, Label, LabelFrame, Quality};
+pub use calibration::{Calibration, Label, LabelFrame, MIN_LABELS, Quality};
 pub use correction::{Correction, CorrectionQuality};
 pub use error::CalibrateError;
 pub use fitted::{Alternatives, Fitted};

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
 /// Labels that are compared with the model, at most.
-const MOST_LABELS: usize = 300;
+const MAX_LABELS: usize = 300;
 /// Steps of rotation of the search, from coarse to fine, rad.
 const STEPS: [f64; 3] = [TAU / 72.0, TAU / 360.0, TAU / 1440.0];
 /// Range of the coarse search for the position, in parts of the skin's half diagonal.
@@ -73,7 +73,7 @@ impl Pose {
         origin_m: Point3,
     ) -> dermis::Result<(Self, f64)> {
         let chosen: Vec<usize> = {
-            let count = labels.len().min(MOST_LABELS);
+            let count = labels.len().min(MAX_LABELS);
             (0..count).map(|k| k * labels.len() / count).collect()
         };
         let frames: Vec<Vec<f64>> = standardised(chosen.iter().map(|&index| values[index].to_vec()).collect());

@@ -13,7 +13,7 @@ const DIVIDED_WITHIN: f64 = 14.0;
 /// Parts of each edge of a divided triangle.
 const PARTS: usize = 5;
 /// Triangles that are divided, at most: a posterior that is wider needs no finer resolution.
-const MOST_DIVIDED: usize = 400;
+const MAX_DIVIDED: usize = 400;
 /// A contact counts as found if it lies within this distance, m: the gate of scores and confidences.
 const GATE_M: f64 = dermis::contact::GATE_M;
 
@@ -65,7 +65,7 @@ impl<'a> Posterior<'a> {
             |triangle: &[usize; 3]| triangle.iter().map(|&node| nodes[node]).fold(f64::NEG_INFINITY, f64::max);
         let likely: Vec<usize> =
             (0..triangles.len()).filter(|&number| highest(&triangles[number]) > best - DIVIDED_WITHIN).collect();
-        let parts = if likely.len() <= MOST_DIVIDED { PARTS } else { 1 };
+        let parts = if likely.len() <= MAX_DIVIDED { PARTS } else { 1 };
         let candidates: Vec<Candidate> =
             likely.iter().flat_map(|&number| self.divide(number, parts, temperature)).collect();
         let node = (0..nodes.len()).max_by(|&a, &b| nodes[a].total_cmp(&nodes[b])).expect("a region has nodes");

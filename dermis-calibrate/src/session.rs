@@ -1,6 +1,6 @@
 //! A calibration session: places to press, the presses taken, and their files.
 
-use crate::calibration::{Calibration, FEWEST_LABELS, Label, LabelFrame, Quality};
+use crate::calibration::{Calibration, Label, LabelFrame, MIN_LABELS, Quality};
 use crate::error::CalibrateError;
 use crate::places::Places;
 use dermis::contact::Contact;
@@ -232,10 +232,10 @@ impl Session {
         (&self.frames, self.presses_m.iter().enumerate().map(label).collect())
     }
 
-    /// The calibration of the presses so far; `None` below [`FEWEST_LABELS`].
+    /// The calibration of the presses so far; `None` below [`MIN_LABELS`].
     pub fn fit(&self) -> Option<SessionFit> {
         let (_, labels) = self.presses();
-        (labels.len() >= FEWEST_LABELS).then(|| SessionFit {
+        (labels.len() >= MIN_LABELS).then(|| SessionFit {
             skin: self.skin.clone(),
             folder: self.folder.clone(),
             frames: self.frames.clone(),

@@ -2,7 +2,7 @@
 //! force that it states.
 
 use crate::calibration::Label;
-use crate::correction::FEWEST_FOUND;
+use crate::correction::MIN_FOUND;
 use crate::units::Change;
 use dermis::detect::Forces;
 use dermis::stats::{coefficient_of_variation, mean, mean_and_sd, quantile, rms, sorted};
@@ -10,17 +10,17 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Fewest labels with a force.
-const FEWEST_FORCES: usize = 20;
+const MIN_FORCES: usize = 20;
 /// Smallest standard deviation of the logarithm of the forces: below it they are equal.
-const LEAST_LOG_SD: f64 = 0.05;
+const MIN_LOG_SD: f64 = 0.05;
 /// Smallest exponent that is used, and smallest in its standard errors.
-const LEAST_EXPONENT: f64 = 0.05;
-const LEAST_SIGNIFICANCE: f64 = 4.0;
+const MIN_EXPONENT: f64 = 0.05;
+const MIN_SIGNIFICANCE: f64 = 4.0;
 /// Fewest labels whose amplitudes are compared without forces, and the smallest standard deviation of their logarithms
 /// above which presses count as unequal. Presses of equal depth on two real membranes have 0.03 to 0.13, from 50 labels
 /// on.
-const FEWEST_AMPLITUDES: usize = 50;
-const LEAST_AMPLITUDE_LOG_SD: f64 = 0.25;
+const MIN_AMPLITUDES: usize = 50;
+const MIN_AMPLITUDE_LOG_SD: f64 = 0.25;
 /// The standard deviation of a normal distribution over the distance of its quartiles.
 const SD_PER_QUARTILES: f64 = 0.741_3;
 /// Amplitudes that are tried, in standard deviations from the mean: this far on both sides, in these steps; then about
@@ -36,16 +36,16 @@ const WITHIN_ONE_SD: f64 = 0.682_689_492;
 #[non_exhaustive]
 pub enum UnusedForces {
     /// Fewer labels than a relation needs.
-    #[error("at least {FEWEST_FORCES} labels are needed, and there are {0}")]
+    #[error("at least {MIN_FORCES} labels are needed, and there are {0}")]
     TooFew(usize),
     /// Fewer labels that the corrected method finds and that have a force.
-    #[error("fewer than {FEWEST_FOUND} of the labels that the method finds have a force above zero")]
+    #[error("fewer than {MIN_FOUND} of the labels that the method finds have a force above zero")]
     TooFewFound,
     /// The label of this frame has no force above zero.
     #[error("the label of frame {0} has no force above zero")]
     NotPositive(usize),
     /// The forces do not differ.
-    #[error("their standard deviation is below {} %", 1e2 * LEAST_LOG_SD)]
+    #[error("their standard deviation is below {} %", 1e2 * MIN_LOG_SD)]
     Equal,
     /// The change of a frame does not grow with the force.
     #[error("the change of the frame does not grow with the force")]
@@ -89,7 +89,7 @@ impl Strength {
         let logs = sorted(amplitudes.iter().map(|amplitude| amplitude.ln()));
         // Robust: the amplitude of a press that the map does not know yet is far off.
         let log_sd = SD_PER_QUARTILES * (quantile(&logs, 0.75) - quantile(&logs, 0.25));
-        let varies = labels.len() >= FEWEST_AMPLITUDES && log_sd > LEAST_AMPLITUDE_LOG_SD;
+        let varies = labels.len() >= MIN_AMPLITUDES && log_sd > MIN_AMPLITUDE_LOG_SD;
         varies.then_some(Strength { log_sd, law: None })
     }
 
@@ -124,14 +124,14 @@ impl Strength {
 impl ForceLaw {
     /// The logarithms of the forces of labels, if a relation can be fitted to them.
     pub(crate) fn log_forces(labels: &[Label]) -> Result<Vec<f64>, UnusedForces> {
-        if labels.len() < FEWEST_FORCES {
+        if labels.len() < MIN_FORCES {
             return Err(UnusedForces::TooFew(labels.len()));
         }
         if let Some(label) = labels.iter().find(|label| label.force_n.is_nan() || label.force_n <= 0.0) {
             return Err(UnusedForces::NotPositive(label.row));
         }
         let forces: Vec<f64> = labels.iter().map(|label| label.force_n.ln()).collect();
-        if mean_and_sd(&forces).1 <= LEAST_LOG_SD { Err(UnusedForces::Equal) } else { Ok(forces) }
+        if mean_and_sd(&forces).1 <= MIN_LOG_SD { Err(UnusedForces::Equal) } else { Ok(forces) }
     }
 
     /// The law that relates the amplitudes of labelled presses to their forces, by linear regression of the logarithms.
@@ -147,7 +147,7 @@ impl ForceLaw {
         let left = (product(&amplitudes, &amplitudes, [mean_amplitude; 2]) - explained).max(0.0);
         let standard_error = (left / (labels.len() - 2) as f64 / spread).sqrt();
         let law = ForceLaw { mean_log_force, exponent, range: force_range(&forces), relative_sd: 0.0 };
-        let determined = exponent > (LEAST_SIGNIFICANCE * standard_error).max(LEAST_EXPONENT);
+        let determined = exponent > (MIN_SIGNIFICANCE * standard_error).max(MIN_EXPONENT);
         if determined { Ok(law) } else { Err(UnusedForces::Unrelated) }
     }
 
@@ -208,15 +208,15 @@ pub(crate) fn vertex(before: f64, here: f64, after: f64) -> f64 {
 /// the channels: between 1/8 and 8.
 pub(crate) fn amplitude_between(frame: &[f64], other: &[f64], untouched: &[f64]) -> f64 {
     const STEP: f64 = 0.05;
-    const MOST: i32 = 41;
+    const MAX: i32 = 41;
     let change = Change::of(frame, untouched);
     let square = |k: i32| -> f64 {
         let factor = (f64::from(k) * STEP).exp();
         change.amplified(factor).zip(other).map(|(value, other)| (value - other).powi(2)).sum()
     };
-    let squares: Vec<f64> = (-MOST..=MOST).map(|k| -square(k)).collect();
+    let squares: Vec<f64> = (-MAX..=MAX).map(|k| -square(k)).collect();
     let best = (1..squares.len() - 1).max_by(|&a, &b| squares[a].total_cmp(&squares[b])).expect("some are tried");
-    let at = best as f64 - f64::from(MOST) + vertex(squares[best - 1], squares[best], squares[best + 1]);
+    let at = best as f64 - f64::from(MAX) + vertex(squares[best - 1], squares[best], squares[best + 1]);
     (at * STEP).exp()
 }
 

@@ -1,6 +1,6 @@
 //! What more presses would give: where to press next, and the error against the number of labels.
 
-use crate::calibration::{Calibration, FEWEST_LABELS, Label, LabelFrame};
+use crate::calibration::{Calibration, Label, LabelFrame, MIN_LABELS};
 use crate::error::CalibrateError;
 use dermis::frame::Frame;
 use dermis::geom::Point3;
@@ -83,7 +83,7 @@ pub fn learning_curve(
     calibration: &Calibration,
 ) -> Result<Vec<LearningPoint>, CalibrateError> {
     let mut curve = Vec::new();
-    for part in PARTS.into_iter().filter(|part| labels.len() / part >= FEWEST_LABELS) {
+    for part in PARTS.into_iter().filter(|part| labels.len() / part >= MIN_LABELS) {
         let (chosen, others): (Vec<_>, Vec<_>) = labels.iter().enumerate().partition(|(index, _)| index % part == 0);
         let chosen: Vec<Label> = chosen.into_iter().map(|(_, label)| *label).collect();
         let located = Calibration::fit(skin, frames, &chosen, frame)?.locate(frames, 0)?;

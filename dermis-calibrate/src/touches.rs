@@ -14,9 +14,9 @@ use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 /// Touches that are looked for, at most.
-const MOST_TOUCHES: usize = 4;
+const MAX_TOUCHES: usize = 4;
 /// Logarithm of the posterior density that each further touch must gain.
-const LEAST_GAIN: f64 = 10.0;
+const MIN_GAIN: f64 = 10.0;
 /// Smallest standard deviation of the logarithm of an amplitude.
 const LOG_AMPLITUDE_SD: f64 = 0.5;
 /// Largest amplitude, and inverse of the smallest.
@@ -92,13 +92,13 @@ impl Superposition {
             (calibration.locator.whiten(values), calibration.locator.untouched_square(values));
         let search = Search { superposition: self, calibration, target, untouched_square };
         let mut found = search.extend(&[]);
-        while found.touches.len() < MOST_TOUCHES {
+        while found.touches.len() < MAX_TOUCHES {
             // Two touches with a residual as small as those of the labels are two, whatever a third would gain.
             if found.touches.len() >= 2 && calibration.novelty(search.misfit(&found.touches)) <= 1.0 {
                 break;
             }
             let next = search.extend(&found.touches);
-            if next.log_density < found.log_density + LEAST_GAIN {
+            if next.log_density < found.log_density + MIN_GAIN {
                 break;
             }
             found = next;

@@ -1,6 +1,6 @@
 //! Channels of a protocol, as arguments name them.
 
-use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
+use dermis::files::{MAX_SETTINGS_BYTES, read_text_at_most};
 use std::path::Path;
 use std::str::FromStr;
 
@@ -13,7 +13,7 @@ pub const LEAVE_OUT_HELP: &str = "Channels to leave out: numbers and ranges, as 
 pub struct Channels(Vec<usize>);
 
 /// A protocol with the maximum number of electrodes has about one million channels.
-const MOST_CHANNELS: usize = 2_000_000;
+const MAX_CHANNELS: usize = 2_000_000;
 
 impl Channels {
     /// Their numbers.
@@ -33,8 +33,8 @@ impl Channels {
             for part in line.split([',', ';', ' ', '\t']).filter(|part| !part.is_empty()) {
                 let range = range(part).map_err(|why| format!("{}, line {}: {why}", path.display(), index + 1))?;
                 channels.extend(range);
-                if channels.len() > MOST_CHANNELS {
-                    return Err(format!("{}: more than {MOST_CHANNELS} channels", path.display()));
+                if channels.len() > MAX_CHANNELS {
+                    return Err(format!("{}: more than {MAX_CHANNELS} channels", path.display()));
                 }
             }
         }
@@ -52,7 +52,7 @@ impl FromStr for Channels {
             return Ok(Channels(parts.map(range).collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect()));
         }
         let path = Path::new(text);
-        let read = read_text_at_most(path, MOST_SETTINGS_BYTES)
+        let read = read_text_at_most(path, MAX_SETTINGS_BYTES)
             .map_err(|error| format!("neither a list of channels, as in 0-23,40, nor a file: {error}"))?;
         Self::of_file(&read, path)
     }
@@ -64,7 +64,7 @@ fn range(text: &str) -> Result<std::ops::RangeInclusive<usize>, String> {
         |text: &str| text.trim().parse::<usize>().map_err(|_| format!("`{text}` is not the number of a channel"));
     let (first, last) = text.split_once('-').unwrap_or((text, text));
     let (first, last) = (number(first)?, number(last)?);
-    if last < first || last - first > MOST_CHANNELS {
+    if last < first || last - first > MAX_CHANNELS {
         return Err(format!("`{text}` is not a range of channels"));
     }
     Ok(first..=last)

@@ -4,8 +4,8 @@ use crate::failure::{Failure, Outcome};
 use crate::range::{count, number, parsed, seed};
 use clap::Args;
 use dermis::design::SkinDesign;
-use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
-use dermis_emulate::emulator::{Emulator, EmulatorOptions, MOST_PRERENDERED, Script, TimedFault};
+use dermis::files::{MAX_SETTINGS_BYTES, read_text_at_most};
+use dermis_emulate::emulator::{Emulator, EmulatorOptions, MAX_PRERENDERED, Script, TimedFault};
 use dermis_emulate::firmware::{FirmwareDevice, FirmwareOptions};
 use dermis_sim::twin::TwinOptions;
 use dermis_sim::twin::electronics::Switching;
@@ -43,7 +43,7 @@ pub struct EmulatorArguments {
         value_name = "FRAMES",
         default_value_t = 0,
         hide_default_value = true,
-        value_parser = count(0..=MOST_PRERENDERED)
+        value_parser = count(0..=MAX_PRERENDERED)
     )]
     prerender: usize,
     /// Send frames at the full rate of the connection.
@@ -102,7 +102,7 @@ impl EmulatorArguments {
         {
             return Ok(text.into());
         }
-        read_text_at_most(std::path::Path::new(&self.twin), MOST_SETTINGS_BYTES)
+        read_text_at_most(std::path::Path::new(&self.twin), MAX_SETTINGS_BYTES)
             .map_err(|error| Failure::given(format!("cannot read the twin {}: {error}", self.twin), None))
     }
 }

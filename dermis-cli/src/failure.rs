@@ -273,8 +273,8 @@ impl From<dermis_fabricate::FabricateError> for Failure {
 
 /// Marks only the beginning of a long table.
 fn first_line_of(span: std::ops::Range<usize>) -> SourceSpan {
-    const MOST: usize = 80;
-    (span.start, span.len().min(MOST)).into()
+    const MAX: usize = 80;
+    (span.start, span.len().min(MAX)).into()
 }
 
 impl From<dermis::Error> for Failure {

@@ -13,7 +13,7 @@ use dermis::method::MethodSet;
 use dermis::pipeline::{Settings, Severity, Timestamp};
 use dermis::skin::Skin;
 use dermis::text::counted;
-use dermis_calibrate::{CalibrateError, Correction, FEWEST_LABELS, Fitted, Places, Quality, Session};
+use dermis_calibrate::{CalibrateError, Correction, Fitted, MIN_LABELS, Places, Quality, Session};
 use dermis_emulate::emulator::Emulator;
 use dermis_live::device::DeviceOptions;
 use dermis_live::guide::{Guide, GuideAction, GuideStep, PressCollector, PressEvent};
@@ -412,7 +412,7 @@ impl Guided {
         match quality {
             Some(_) => print(&format!("{}\nwritten to {path}\n", self.progress())),
             None => print(&format!(
-                "{}\n{path} holds no calibration of these presses: at least {FEWEST_LABELS} are needed; the same command \
+                "{}\n{path} holds no calibration of these presses: at least {MIN_LABELS} are needed; the same command \
                  continues the session\n",
                 self.progress()
             )),

@@ -31,7 +31,7 @@ pub struct Latencies {
 }
 
 /// Maximum number of stored latencies: one hour at 2,000 frames per second.
-const MOST: usize = 7_200_000;
+const MAX: usize = 7_200_000;
 
 impl Latencies {
     /// Without frames yet.
@@ -52,7 +52,7 @@ impl Latencies {
 
     /// Adds a frame.
     pub fn take(&mut self, frame: &LiveFrame) {
-        if self.all_ms.len() < MOST {
+        if self.all_ms.len() < MAX {
             self.all_ms.push(1e3 * frame.output_at.seconds_since(frame.received_at) as f32);
         }
         self.frames += 1;

@@ -40,7 +40,7 @@ pub struct MethodArguments {
     alpha: Option<AlphaChoice>,
     /// Absolute regularization parameter, as EIDORS's hyperparameter: Jacobian of the conductivity itself, prior not
     /// scaled. Takes its own number or that of --alpha.
-    #[arg(long, value_name = "NUMBER", num_args = 0..=1, value_parser = number(LEAST_ALPHA..=MOST_ALPHA))]
+    #[arg(long, value_name = "NUMBER", num_args = 0..=1, value_parser = number(MIN_ALPHA..=MAX_ALPHA))]
     alpha_absolute: Option<Option<f64>>,
     /// Exponent of the NOSER prior: 0 is Tikhonov's, 1 the original NOSER.
     #[arg(long, value_name = "NUMBER", default_value_t = 0.5, value_parser = number(0.0..=2.0))]
@@ -58,8 +58,8 @@ pub struct MethodArguments {
 }
 
 /// Range of regularization parameters; those of real skins, scaled or absolute, are within 1e-15 and 1e15.
-const LEAST_ALPHA: f64 = 1e-60;
-const MOST_ALPHA: f64 = 1e60;
+const MIN_ALPHA: f64 = 1e-60;
+const MAX_ALPHA: f64 = 1e60;
 
 /// Changes of the other sign in at most this part of the frames are no hint: presses on a real membrane leave them in 4 %.
 const FEW_OTHERS: f64 = 0.1;
@@ -143,7 +143,7 @@ impl FromStr for AlphaChoice {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let positive = |text: &str| {
-            let value = number(LEAST_ALPHA..=MOST_ALPHA)(text);
+            let value = number(MIN_ALPHA..=MAX_ALPHA)(text);
             value.map_err(|why| format!("`{text}`: {why}, or auto, noise-figure:0.5, l-curve, gcv"))
         };
         Ok(AlphaChoice(match text.split_once(':') {

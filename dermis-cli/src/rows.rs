@@ -7,7 +7,7 @@ use std::str::FromStr;
 pub struct Rows(Vec<usize>);
 
 /// A table of more rows is a mistake.
-const MOST_ROWS: usize = 10_000_000;
+const MAX_ROWS: usize = 10_000_000;
 
 impl FromStr for Rows {
     type Err = String;
@@ -22,12 +22,12 @@ impl FromStr for Rows {
                 Some((first, end)) => (number(first)?, number(end)?),
                 None => (number(part)?, number(part)?.saturating_add(1)),
             };
-            if end <= first || end - first > MOST_ROWS {
+            if end <= first || end - first > MAX_ROWS {
                 return Err(format!("`{part}` is not a range of rows: write 0..500 for the rows 0 to 499"));
             }
             rows.extend(first..end);
-            if rows.len() > MOST_ROWS {
-                return Err(format!("the ranges name more than {MOST_ROWS} rows"));
+            if rows.len() > MAX_ROWS {
+                return Err(format!("the ranges name more than {MAX_ROWS} rows"));
             }
         }
         rows.sort_unstable();

@@ -9,12 +9,12 @@ use std::io::Write as _;
 use std::time::Duration;
 use workplace::{DISK, Workplace};
 
-const MOST_TIME: Duration = Duration::from_secs(20);
+const MAX_TIME: Duration = Duration::from_secs(20);
 
 /// Runs a command that must refuse a file within the limits; its message.
 fn refused(at: &Workplace, arguments: &str, words: &[&str]) {
     let bounded::Ended { status, stderr } =
-        bounded::run(at.folder(), arguments, MOST_TIME).unwrap_or_else(|why| panic!("dermis {arguments}: {why}"));
+        bounded::run(at.folder(), arguments, MAX_TIME).unwrap_or_else(|why| panic!("dermis {arguments}: {why}"));
     assert!(stderr.len() < 10_000, "{} bytes are said about {arguments}", stderr.len());
     let said = stderr.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ");
     assert_eq!(status.code(), Some(2), "dermis {arguments}: {said}");

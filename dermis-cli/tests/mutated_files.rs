@@ -20,7 +20,7 @@ const FEW: usize = 200;
 const MANY: usize = 10_000;
 const SEED: u64 = 1;
 
-const MOST_TIME: Duration = Duration::from_secs(20);
+const MAX_TIME: Duration = Duration::from_secs(20);
 
 /// A kind of file.
 struct Kind {
@@ -228,7 +228,7 @@ fn opened(bytes: &[u8]) -> Vec<u8> {
 
 /// Runs a command on files in a folder of its own; what is wrong with how it ended.
 fn run(folder: &Path, command: &str) -> Result<i32, String> {
-    let bounded::Ended { status, stderr } = bounded::run(folder, command, MOST_TIME)?;
+    let bounded::Ended { status, stderr } = bounded::run(folder, command, MAX_TIME)?;
     match status.code() {
         Some(code @ (0 | 2)) if !stderr.contains("panicked") => Ok(code),
         _ => Err(format!("{status}: {}", stderr.chars().take(2000).collect::<String>())),

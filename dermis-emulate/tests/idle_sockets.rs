@@ -16,7 +16,7 @@ const TOKEN: &str = "0123456789abcdef";
 /// Sockets at once: both ends are in this process, which may have as few as 1024 descriptors.
 const SOCKETS: usize = 700;
 /// Connections without a page that the server keeps.
-const MOST_KEPT: usize = 64;
+const MAX_KEPT: usize = 64;
 
 fn connect(address: SocketAddr) -> TcpStream {
     let stream = TcpStream::connect(address).unwrap();
@@ -54,14 +54,14 @@ fn idle_and_slow_sockets_are_closed_and_disturb_nobody() {
         let mut idle: Vec<TcpStream> = (0..SOCKETS).map(|_| connect(address)).collect();
         std::thread::sleep(Duration::from_millis(300));
         let open = open_count(&mut idle);
-        assert!(open <= MOST_KEPT, "{open} of {SOCKETS} idle sockets are open in round {round}");
+        assert!(open <= MAX_KEPT, "{open} of {SOCKETS} idle sockets are open in round {round}");
         // A page that comes meanwhile is served.
         let mut page = open_page();
         assert!((0..400).any(|_| matches!(page.read().unwrap(), Message::Binary(_))));
     }
 
     // Those that are within the number are closed after a few seconds, also if they send a byte now and then.
-    let mut slow: Vec<TcpStream> = (0..MOST_KEPT / 2).map(|_| connect(address)).collect();
+    let mut slow: Vec<TcpStream> = (0..MAX_KEPT / 2).map(|_| connect(address)).collect();
     let begun = Instant::now();
     for byte in b"GET / HTTP/1.1\r\nHost: a.very.long.name".iter().cycle() {
         slow.iter_mut().for_each(|stream| drop(stream.write(&[*byte])));

@@ -118,7 +118,7 @@ pub fn check_free(folder: &Path, replace: bool) -> Result<(), FabricateError> {
 
 /// Whether a folder holds a manifest and no file that is not listed in it.
 fn written_before(folder: &Path) -> bool {
-    let text = dermis::files::read_text_at_most(&folder.join(MANIFEST), dermis::files::MOST_SETTINGS_BYTES);
+    let text = dermis::files::read_text_at_most(&folder.join(MANIFEST), dermis::files::MAX_SETTINGS_BYTES);
     let Some(manifest) = text.ok().and_then(|text| serde_json::from_str::<Manifest>(&text).ok()) else { return false };
     let mut found = Vec::new();
     if list(folder, "", &mut found).is_err() {

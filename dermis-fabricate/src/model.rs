@@ -174,7 +174,7 @@ fn bore(design: &SkinDesign, centre_m: Point3, normal: Point3, moved_m: f64) -> 
 fn check_bores(places: &Places, options: &FabricationOptions) -> Result<(), FabricateError> {
     let bores: Vec<(Point3, Point3)> = places.iter().map(|(_, _, bore)| (bore.centre_m, bore.normal)).collect();
     match closest_bores(&bores, options) {
-        Some((i, j, land_m)) if land_m < FabricationOptions::LEAST_LAND_M => {
+        Some((i, j, land_m)) if land_m < FabricationOptions::MIN_LAND_M => {
             let message = dermis::design::bores_meet(i, j, land_m);
             Err(FabricateError::part(message, "make the bores smaller or move the electrodes apart"))
         }

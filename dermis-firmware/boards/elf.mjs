@@ -4,7 +4,7 @@
 import { readFileSync } from 'node:fs';
 
 /** The greatest size of an image in flash, bytes. */
-const MOST_FLASH = 96 * 1024;
+const MAX_FLASH = 96 * 1024;
 const ALLOCATORS = /\b(__rust_alloc|__rust_realloc|__rg_alloc|malloc|calloc|realloc|_sbrk)\b/;
 
 /** Loadable segments and names of symbols of an ELF file with 32-bit words. */
@@ -35,8 +35,8 @@ if (process.argv[1] === new URL(import.meta.url).pathname) {
     const flash = segments.reduce((sum, { bytes }) => sum + bytes, 0);
     const allocators = symbols.filter((symbol) => ALLOCATORS.test(symbol));
     if (symbols.length === 0) throw new Error(`${path} has no symbols: nothing can be said of its allocator`);
-    console.log(`${path.split('/').at(-1)}: ${flash} bytes of flash of at most ${MOST_FLASH}, ${symbols.length} symbols, ${allocators.length} of an allocator`);
-    failed ||= flash > MOST_FLASH || allocators.length > 0;
+    console.log(`${path.split('/').at(-1)}: ${flash} bytes of flash of at most ${MAX_FLASH}, ${symbols.length} symbols, ${allocators.length} of an allocator`);
+    failed ||= flash > MAX_FLASH || allocators.length > 0;
   }
   process.exit(failed ? 1 : 0);
 }

@@ -8,7 +8,7 @@ const RATE = 120;
 /** Part of a press in which its contact must be there: it is found some frames after the finger is down, s. */
 const AFTER_S = 0.1;
 /** Greatest distance of two contacts, m. */
-const MOST_M = 1e-4;
+const MAX_M = 1e-4;
 /** Radius of the cylinder, m. */
 const RADIUS_M = 0.05;
 
@@ -48,12 +48,12 @@ for (const { at, until, place } of presses) {
     exact += apart === 0 ? 1 : 0;
     errors.push(distance(b, place));
   }
-  if (largest >= 0 && largest <= MOST_M) found += 1;
+  if (largest >= 0 && largest <= MAX_M) found += 1;
   else console.log(`the press at ${at} s: ${largest < 0 ? 'no contact in both' : `${1e3 * largest} mm apart`}`);
   worst = Math.max(worst, largest);
 }
 const mm = (length) => (1e3 * length).toFixed(4);
-console.log(`${found} of ${presses.length} presses within ${mm(MOST_M)} mm: ${compared} frames compared, ${exact} of them equal, at most ${mm(worst)} mm apart`);
+console.log(`${found} of ${presses.length} presses within ${mm(MAX_M)} mm: ${compared} frames compared, ${exact} of them equal, at most ${mm(worst)} mm apart`);
 errors.sort((a, b) => a - b);
 console.log(`distance from the place of the press on the Pico: ${mm(errors[Math.floor(errors.length / 2)])} mm (median), ${mm(errors[Math.floor(0.95 * errors.length)])} mm (95 %)`);
 process.exit(found === presses.length && presses.length === 20 ? 0 : 1);

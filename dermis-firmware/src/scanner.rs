@@ -95,7 +95,7 @@ pub trait FrontEnd {
 
     /// A frame is read up to this long after its time, us; a later one is left out. 0 for real front ends: a late frame
     /// is another one. An emulated front end answers for the time that it is given.
-    const MOST_LATE_US: u64 = 0;
+    const MAX_LATE_US: u64 = 0;
 
     /// Begins the frame of a time, us since power-up.
     fn begin(&mut self, _time_us: u64) {}
@@ -181,7 +181,7 @@ impl<F: FrontEnd> Scanner for SlotScanner<'_, F> {
         }
         // The newest frame that is due, once the next one is too late.
         let newest = (u128::from(now_us - began_us) * 1000 + 999) / u128::from(period_ns.max(1));
-        let late = now_us - due_us > F::MOST_LATE_US.max(period_ns / 1000);
+        let late = now_us - due_us > F::MAX_LATE_US.max(period_ns / 1000);
         let index = if late { newest as u64 } else { next };
         self.running = Some((began_us, period_ns, index + 1));
         let time_us = Self::due_us(running, index);

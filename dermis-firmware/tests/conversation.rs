@@ -4,7 +4,7 @@ mod parts;
 
 use dermis_firmware::{HardwareFault, Limits, Plan, Scanned, Scanner, SlotScanner, TimedSlot};
 use dermis_wire::{FaultCode, FrameFlags, ScanPart, Slot, Slots, ToDevice, ToHost, test_reading};
-use parts::{FakeFrontEnd, FakeLink, FakeSystem, INSTRUMENT, MOST, SLOTS, counts, with_device};
+use parts::{FakeFrontEnd, FakeLink, FakeSystem, INSTRUMENT, MAX, SLOTS, counts, with_device};
 use rand::{Rng, RngExt, SeedableRng};
 
 /// Short names of messages.
@@ -59,7 +59,7 @@ impl Bench<'_> {
 }
 
 fn bench(instrument: dermis_firmware::Instrument<'_>, run: impl FnOnce(Bench<'_>)) {
-    let (mut slots, mut readings) = ([TimedSlot::NONE; MOST], [0; MOST]);
+    let (mut slots, mut readings) = ([TimedSlot::NONE; MAX], [0; MAX]);
     with_device(instrument, |device| {
         let scanner = SlotScanner::new(FakeFrontEnd::default(), &mut slots, &mut readings);
         run(Bench { device, scanner, link: FakeLink::new(), system: FakeSystem::default() });
@@ -141,8 +141,8 @@ fn a_slow_table_lowers_the_rate() {
     bench(INSTRUMENT, |mut bench| {
         bench.run(1000);
         // Unknown slots take 20 us and 1 us of overhead; with 40 of them and 10 us a frame lasts 850 us.
-        let table: Vec<Slot> = (0..MOST).map(|k| Slot { source: 7, sink: (k % 3) as u16, measure: None }).collect();
-        let part = ScanPart { first: 0, total: MOST as u16, slots: Slots::Given(&table) };
+        let table: Vec<Slot> = (0..MAX).map(|k| Slot { source: 7, sink: (k % 3) as u16, measure: None }).collect();
+        let part = ScanPart { first: 0, total: MAX as u16, slots: Slots::Given(&table) };
         let said = bench.ask(&[
             ToDevice::Rate(2_000_000),
             ToDevice::Scan(part),

@@ -109,7 +109,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// Time of the two means that are compared, one after the other, s.
 const AVERAGED_S: f64 = 0.3;
 /// Fewest frames of an average: slow instruments take longer.
-const FEWEST_FRAMES: usize = 3;
+const MIN_FRAMES: usize = 3;
 /// A press is steady if its mean changes by at most this part of its difference from the untouched skin, beyond noise.
 const STEADY: f64 = 0.05;
 /// Variance of the change of the mean, as a multiple of that of its noise, that still counts as noise.
@@ -200,7 +200,7 @@ impl PressCollector {
     fn steady(&mut self, now: Timestamp) -> Option<Frame> {
         let baseline = self.baseline_ohm.as_ref()?;
         let within = |seconds: f64| self.frames.iter().filter(move |(at, _)| now.seconds_since(*at) < seconds).count();
-        let count = within(AVERAGED_S).max(FEWEST_FRAMES);
+        let count = within(AVERAGED_S).max(MIN_FRAMES);
         // The first frame may be of the moment of contact.
         let begin = self.frames.len().checked_sub(2 * count + 1)?;
         self.frames.drain(..begin);

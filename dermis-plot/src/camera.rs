@@ -23,7 +23,7 @@ const ELEVATION_DEGREES: f64 = 22.0;
 /// Further elevations, for marks on the top or the bottom.
 const FURTHER_DEGREES: [f64; 4] = [ELEVATION_DEGREES, -ELEVATION_DEGREES, 65.0, -65.0];
 /// Maximum number of views of a picture.
-const MOST_VIEWS: usize = 6;
+const MAX_VIEWS: usize = 6;
 
 impl Camera {
     /// A camera by its angles in degrees.
@@ -104,7 +104,7 @@ fn worst(sights: &[&Sight], targets: usize) -> f64 {
 fn one_by_one(all: &[Sight], targets: usize) -> Vec<Camera> {
     let mut seen = vec![false; targets];
     let mut chosen: Vec<Camera> = Vec::new();
-    while chosen.len() < MOST_VIEWS {
+    while chosen.len() < MAX_VIEWS {
         let gain = |sight: &Sight| {
             sight.facing.iter().zip(&seen).filter(|(facing, seen)| **facing > READABLE && !**seen).count()
         };

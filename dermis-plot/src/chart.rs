@@ -275,13 +275,13 @@ pub struct HeatMap<'a> {
 impl HeatMap<'_> {
     /// The picture; of more than 128 rows or columns, evenly spaced ones are drawn.
     pub fn draw(&self) -> Picture {
-        const MOST: usize = 128;
+        const MAX: usize = 128;
         let (rows, columns) = (self.rows.len(), self.rows.first().map_or(0, Vec::len));
         let head = frame::title_height(self.title, self.subtitle);
         let height = if rows * 2 > columns { 0.8 * WIDTH } else { HEIGHT };
         let mut picture = Picture::new(LEFT + WIDTH + 24.0 + frame::KEY_WIDTH, head + height + BELOW);
         frame::title(&mut picture, self.title, self.subtitle);
-        let drawn = [rows.min(MOST), columns.min(MOST)];
+        let drawn = [rows.min(MAX), columns.min(MAX)];
         let step = [height / drawn[0].max(1) as f64, WIDTH / drawn[1].max(1) as f64];
         for i in 0..drawn[0] {
             for j in 0..drawn[1] {

@@ -11,7 +11,7 @@ use dermis::geom::vector::{centroid, dot};
 /// Height below the body for the axes and the scale bar, pixels.
 const BELOW: f64 = 74.0;
 /// Minimum width of a picture, so that its title is readable, pixels.
-const LEAST_WIDTH: f64 = 400.0;
+const MIN_WIDTH: f64 = 400.0;
 /// Smallest cosine between view and normal for marks: near the limb of the body they would be too dense.
 const MARKED: f64 = 0.15;
 /// Height of a caption below each of several views, pixels.
@@ -35,7 +35,7 @@ pub(crate) fn draw(scene: &Scene, cameras: &[Camera]) -> Picture {
     let top = frame::title_height(&scene.title, &scene.subtitle);
     let base = top + height + if views.len() > 1 { CAPTION } else { 0.0 };
     // Leave room for the title next to a narrow body.
-    let total_width = (width + right).max(LEAST_WIDTH);
+    let total_width = (width + right).max(MIN_WIDTH);
     let legend_width = total_width - 2.0 * MARGIN;
     let legend_height = frame::legend_height(&scene.legend, legend_width);
     let mut picture = Picture::new(total_width, base + BELOW + legend_height);

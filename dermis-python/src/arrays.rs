@@ -111,11 +111,11 @@ pub fn read_only<'py>(array: Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
 }
 
 /// Most values of a result: 8 GiB.
-const MOST_VALUES: usize = 1 << 30;
+const MAX_VALUES: usize = 1 << 30;
 
 /// Refuses a result of some rows that no memory holds, before any of it is computed; `argument` is what asks for them.
 pub fn check_size(argument: &str, rows: u64, columns: usize) -> Outcome<()> {
-    let most = MOST_VALUES / columns.max(1);
+    let most = MAX_VALUES / columns.max(1);
     if rows <= most as u64 {
         return Ok(());
     }

@@ -238,7 +238,7 @@ impl Drop for Threads {
 }
 
 /// Notices that wait for `Live.notices`.
-const MOST_NOTICES: usize = 1000;
+const MAX_NOTICES: usize = 1000;
 
 #[pymethods]
 impl Live {
@@ -358,7 +358,7 @@ impl Live {
     fn note(&self, text: String) {
         let mut notices = self.notices.lock().unwrap_or_else(PoisonError::into_inner);
         notices.push_back(text);
-        let excess = notices.len().saturating_sub(MOST_NOTICES);
+        let excess = notices.len().saturating_sub(MAX_NOTICES);
         notices.drain(..excess);
     }
 }

@@ -14,7 +14,7 @@ use std::time::Duration;
 /// Interval between two looks at files that other processes generate.
 const WAIT: Duration = Duration::from_millis(500);
 /// As `dermis simulate --threads`.
-const MOST_THREADS: usize = 1024;
+const MAX_THREADS: usize = 1024;
 
 /// A dataset that is generated into a folder: the files are those of `dermis simulate`.
 #[pyclass(frozen, module = "dermis")]
@@ -124,8 +124,8 @@ impl Simulation {
 
 /// A number of threads.
 fn threads_of(count: usize) -> Outcome<ThreadPool> {
-    if !(1..=MOST_THREADS).contains(&count) {
-        let hint = format!("give 1 to {MOST_THREADS}");
+    if !(1..=MAX_THREADS).contains(&count) {
+        let hint = format!("give 1 to {MAX_THREADS}");
         return Err(Failure::with_hint(format!("`threads` is {count}"), &hint));
     }
     ThreadPoolBuilder::new().num_threads(count).build().map_err(Failure::given)

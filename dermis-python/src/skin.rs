@@ -12,7 +12,7 @@ use crate::solution::{Parameters, Solution};
 use crate::twin::{self, Twin};
 use crate::worker;
 use dermis::design::{Electrode, SkinDesign};
-use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
+use dermis::files::{MAX_SETTINGS_BYTES, read_text_at_most};
 use dermis::forward::Matrix;
 use dermis::method::MethodOptions;
 use dermis::reconstruct::Alpha;
@@ -103,7 +103,7 @@ fn recipe_text(recipe: &Bound<'_, PyAny>) -> Outcome<(String, PathBuf)> {
     let path: PathBuf = recipe.extract().map_err(|_| {
         Failure::with_hint("`recipe` is no path", "give the path of a recipe file, or a dict with its keys")
     })?;
-    let text = read_text_at_most(&path, MOST_SETTINGS_BYTES)
+    let text = read_text_at_most(&path, MAX_SETTINGS_BYTES)
         .map_err(|error| Failure::given(format!("{}: {error}", path.display())))?;
     Ok((text, path))
 }

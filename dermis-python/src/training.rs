@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 const TOUCH: usize = 4;
 
 /// Memory of the symmetries as matrices: those of 30 electrodes take 60 MB.
-const MOST_SYMMETRY_BYTES: usize = 1 << 30;
+const MAX_SYMMETRY_BYTES: usize = 1 << 30;
 
 /// A sample and its difference, ohm.
 type Read = (Sample, Vec<f32>);
@@ -85,7 +85,7 @@ impl Training {
         let symmetries = samples.symmetries().filter(|symmetries| symmetries.len() > 1);
         let elements = 0..symmetries.map_or(0, |symmetries| symmetries.len());
         let bytes = elements.len() * channels * channels * size_of::<f32>();
-        if bytes > MOST_SYMMETRY_BYTES {
+        if bytes > MAX_SYMMETRY_BYTES {
             let message = format!("the symmetries of this skin take {} MB as matrices", bytes >> 20);
             return Err(Failure::with_hint(message, "add without=[\"symmetries\"], or use `dermis train`"));
         }

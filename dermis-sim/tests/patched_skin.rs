@@ -134,7 +134,7 @@ fn the_low_rank_update_equals_the_direct_solve() {
 }
 
 /// Most time of a frame with the table over that of one without it.
-const MOST_OF_TIME: f64 = 0.6;
+const MAX_OF_TIME: f64 = 0.6;
 
 /// The limit is a ratio of two times measured in turns: absolute times depend on the machine and on what else runs on it.
 #[test]
@@ -168,7 +168,7 @@ fn a_frame_costs_little() {
             "{} presses, {patches} patches: frame {table:.2} ms (contacts {contacts:.2} ms), without a table {without:.2} ms",
             presses.len()
         );
-        assert!(cfg!(debug_assertions) || table < MOST_OF_TIME * without, "{table} ms of {without} ms");
+        assert!(cfg!(debug_assertions) || table < MAX_OF_TIME * without, "{table} ms of {without} ms");
     }
     let start = Instant::now();
     skin.conductors().prepare();
@@ -180,18 +180,18 @@ fn a_frame_costs_little() {
 /// Presses all over the skin: the memory stays below the limit, and the frames are those of the whole table.
 #[test]
 fn the_memory_of_many_presses_has_a_limit() {
-    const MOST_BYTES: usize = 8 << 20;
+    const MAX_BYTES: usize = 8 << 20;
     let (whole, mut limited) = (patched(&lab(), MOMENT_DEGREE), patched(&lab(), MOMENT_DEGREE));
-    limited.limit_table(MOST_BYTES);
+    limited.limit_table(MAX_BYTES);
     let protocol = whole.conductors().model().protocol();
     // Twice round the skin, so that places whose Green's functions were dropped are pressed again.
     for index in 0..80 {
         let presses = [press(0.01 + 0.007 * f64::from(index % 40), 2.4 * f64::from(index % 40), 2.0)];
         let frame = |skin: &PatchedSkin| skin.network(&presses).unwrap().frame(protocol);
         assert_eq!(frame(&limited), frame(&whole), "press {index}");
-        assert!(limited.conductors().table_bytes()[0] <= MOST_BYTES, "press {index}");
+        assert!(limited.conductors().table_bytes()[0] <= MAX_BYTES, "press {index}");
     }
-    assert!(whole.conductors().table_bytes()[0] > 2 * MOST_BYTES, "the test needs more places");
+    assert!(whole.conductors().table_bytes()[0] > 2 * MAX_BYTES, "the test needs more places");
 }
 
 #[test]

@@ -44,11 +44,11 @@ struct Window {
 }
 
 /// A number this far behind the newest is not a late frame but a restarted counter.
-const MOST_LATE: u32 = u64::BITS;
+const MAX_LATE: u32 = u64::BITS;
 
 /// A number farther ahead of the newest than this is not a loss but a restarted counter: 2.3 hours at 2,000 frames per
 /// second.
-const MOST_AHEAD: u32 = 1 << 24;
+const MAX_AHEAD: u32 = 1 << 24;
 
 impl Arrivals {
     /// Counts a frame by its number.
@@ -56,10 +56,10 @@ impl Arrivals {
         let Some(window) = self.window else { return self.start(sequence) };
         let behind = window.newest.wrapping_sub(sequence);
         let ahead = sequence.wrapping_sub(window.newest);
-        if behind < MOST_LATE {
+        if behind < MAX_LATE {
             return self.old(1 << behind, window);
         }
-        if ahead > MOST_AHEAD {
+        if ahead > MAX_AHEAD {
             return self.start(sequence);
         }
         let shift = |bits: u64| bits.checked_shl(ahead).unwrap_or(0);
@@ -170,8 +170,8 @@ mod tests {
 
     #[test]
     fn a_long_gap_is_lost_up_to_a_bound() {
-        assert_eq!(after([0, MOST_AHEAD]), [2, u64::from(MOST_AHEAD) - 1, 0, 0]);
-        assert_eq!(after([0, MOST_AHEAD + 1]), [2, 0, 0, 0]);
+        assert_eq!(after([0, MAX_AHEAD]), [2, u64::from(MAX_AHEAD) - 1, 0, 0]);
+        assert_eq!(after([0, MAX_AHEAD + 1]), [2, 0, 0, 0]);
         assert_eq!(after([0, 64, 63, 0]), [4, 62, 0, 1]);
     }
 }

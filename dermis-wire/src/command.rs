@@ -31,13 +31,13 @@ const SELF_TEST: u8 = 0x86;
 
 impl<'a> ToDevice<'a> {
     /// Length of the longest packet, bytes.
-    pub const PACKET_BYTES: usize = packet_bytes(7 + ScanPart::MOST * Slot::BYTES);
+    pub const PACKET_BYTES: usize = packet_bytes(7 + ScanPart::MAX * Slot::BYTES);
 
     /// Writes the packet of the message to `out` and returns its length.
     ///
     /// # Errors
     /// A buffer that is too small ([`PACKET_BYTES`](Self::PACKET_BYTES) is enough), or a part with more than
-    /// [`ScanPart::MOST`] slots or past the end of its table.
+    /// [`ScanPart::MAX`] slots or past the end of its table.
     pub fn encode(&self, out: &mut [u8]) -> Result<usize, NoRoom> {
         pack(out, |packer| self.put(packer))
     }

@@ -148,8 +148,8 @@ mod tests {
     use super::*;
 
     /// Longest message in these tests, and room for its packet.
-    const MOST: usize = 600;
-    const ROOM: usize = packet_bytes(MOST);
+    const MAX: usize = 600;
+    const ROOM: usize = packet_bytes(MAX);
 
     #[test]
     fn the_checksum_is_crc_32c() {
@@ -176,8 +176,8 @@ mod tests {
     }
 
     /// A message of `length` bytes without a zero byte except at `zero`, and with no zero byte in its checksum.
-    fn message(length: usize, zero: Option<usize>) -> [u8; MOST] {
-        let mut bytes = [0x55; MOST];
+    fn message(length: usize, zero: Option<usize>) -> [u8; MAX] {
+        let mut bytes = [0x55; MAX];
         if let Some(zero) = zero {
             bytes[zero] = 0;
         }
@@ -194,7 +194,7 @@ mod tests {
         for length in (240..=260).chain(500..=520) {
             for zero in [None, Some(0), Some(1), Some(length / 2), Some(length - 2)] {
                 let message = &message(length, zero)[..length];
-                let mut coded = [0; MOST + 4];
+                let mut coded = [0; MAX + 4];
                 coded[..length].copy_from_slice(message);
                 coded[length..length + 4].copy_from_slice(&CRC.checksum(message).to_le_bytes());
                 let mut expected = [0; ROOM];
@@ -222,7 +222,7 @@ mod tests {
     #[test]
     fn a_buffer_of_any_length_is_enough_or_refused() {
         for length in [0, 1, 5, 249, 250, 251, 252, 504, 505] {
-            let message = &[7; MOST][..length];
+            let message = &[7; MAX][..length];
             let mut whole = [0; ROOM];
             let needed = encode(message, &mut whole).unwrap();
             for room in 0..needed + 3 {

@@ -96,7 +96,7 @@ pub struct ScanPart<'a> {
 
 impl<'a> ScanPart<'a> {
     /// Maximum number of slots per message, so that a small device needs little memory.
-    pub const MOST: usize = 64;
+    pub const MAX: usize = 64;
 
     pub(crate) fn put(&self, packer: &mut Packer<'_>) -> Result<(), NoRoom> {
         if !self.fits() {
@@ -114,9 +114,9 @@ impl<'a> ScanPart<'a> {
         reader.end(ScanPart { first, total, slots }).filter(Self::fits)
     }
 
-    /// Whether it has at most `MOST` slots and ends within its table.
+    /// Whether it has at most `MAX` slots and ends within its table.
     fn fits(&self) -> bool {
         let count = self.slots.len();
-        count <= Self::MOST && usize::from(self.first) + count <= usize::from(self.total)
+        count <= Self::MAX && usize::from(self.first) + count <= usize::from(self.total)
     }
 }

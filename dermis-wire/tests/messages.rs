@@ -137,7 +137,7 @@ proptest! {
     }
 
     #[test]
-    fn scan(first in 0..=u16::MAX - 64, rest in 0..1000u16, slots in vec(any_slot(), 0..=ScanPart::MOST)) {
+    fn scan(first in 0..=u16::MAX - 64, rest in 0..1000u16, slots in vec(any_slot(), 0..=ScanPart::MAX)) {
         let total = (first + slots.len() as u16).saturating_add(rest);
         round_trip_to_device(&ToDevice::Scan(ScanPart { first, total, slots: Slots::Given(&slots) }));
     }
@@ -252,7 +252,7 @@ fn values_that_a_layout_does_not_hold_are_refused() {
     assert!(ToHost::Frame(frame(Readings::I16(&readings[..65_535]))).encode(&mut room).is_ok());
     assert_eq!(ToHost::Frame(frame(Readings::I16(&readings))).encode(&mut room), Err(NoRoom));
 
-    let slots = [Slot { source: 0, sink: 1, measure: None }; ScanPart::MOST + 1];
+    let slots = [Slot { source: 0, sink: 1, measure: None }; ScanPart::MAX + 1];
     let part =
         |first, total, count: usize| ToDevice::Scan(ScanPart { first, total, slots: Slots::Given(&slots[..count]) });
     assert!(part(0, 64, 64).encode(&mut room).is_ok());

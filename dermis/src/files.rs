@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 /// Largest file of settings, such as a recipe, a script of touches or a state, bytes.
-pub const MOST_SETTINGS_BYTES: u64 = 16 << 20;
+pub const MAX_SETTINGS_BYTES: u64 = 16 << 20;
 
 /// Reads a file of at most some bytes.
 ///

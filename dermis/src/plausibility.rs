@@ -47,12 +47,12 @@ const RATIOS: [[f64; 2]; 2] = [[0.5, 2.0], [0.2, 5.0]];
 /// With the model's own frame as baseline: the part of the change that is the same in all frames, beyond which contacts are
 /// doubtful and wrong, if it is at least this part of the frame; and the fewest frames that can tell.
 const COMMON: [f64; 2] = [0.5, 0.9];
-const LEAST_ERROR: f64 = 0.02;
-const FEWEST_ROWS: usize = 5;
+const MIN_ERROR: f64 = 0.02;
+const MIN_ROWS: usize = 5;
 /// Values are limited to this many times their median size.
 const LARGEST: f64 = 5.0;
 /// Fewer channels than this without a driven electrode tell nothing; all channels are compared then.
-const FEWEST: usize = 8;
+const MIN: usize = 8;
 
 /// Compares frames with the model of a skin.
 #[derive(Debug, Clone)]
@@ -77,7 +77,7 @@ impl<'a> Plausibility<'a> {
         let used: Vec<usize> = (0..model.len()).filter(|channel| !left_out.contains(channel)).collect();
         // The contacts of driven electrodes are known least.
         let far: Vec<usize> = protocol.undriven().filter(|channel| !left_out.contains(channel)).collect();
-        Plausibility { protocol, model, compared: if far.len() < FEWEST { used.clone() } else { far }, used }
+        Plausibility { protocol, model, compared: if far.len() < MIN { used.clone() } else { far }, used }
     }
 
     /// What is wrong with frames and their baseline, or with differences from an unknown one.
@@ -178,12 +178,12 @@ impl<'a> Plausibility<'a> {
     /// What is wrong with frames less the untouched frame of the model, ohm: most of their change is the same in all of them, so
     /// that it is the model's error and no touch.
     pub fn of_model_differences(&self, differences: &[Frame]) -> Option<Finding> {
-        let common = mean(differences).filter(|_| differences.len() >= FEWEST_ROWS)?;
+        let common = mean(differences).filter(|_| differences.len() >= MIN_ROWS)?;
         let square = |frame: &Frame| self.used.iter().map(|&channel| frame[channel].powi(2)).sum::<f64>();
         let all = differences.iter().map(square).sum::<f64>() / differences.len() as f64;
         let share = square(&common) / all;
         let part = (square(&common) / square(&self.model)).sqrt();
-        if share.is_nan() || share < COMMON[0] || part < LEAST_ERROR {
+        if share.is_nan() || share < COMMON[0] || part < MIN_ERROR {
             return None;
         }
         let evidence = format!(

@@ -58,7 +58,7 @@ pub fn decimal(value: f64, most_decimals: usize) -> String {
 /// assert_eq!(ranges(&(0..40).filter(|number| number % 4 == 1).collect::<Vec<_>>()), "1, 5, 9, 13, 17, 21, 25, 29, ... (10 in all)");
 /// ```
 pub fn ranges(numbers: &[usize]) -> String {
-    const MOST: usize = 8;
+    const MAX: usize = 8;
     let mut parts: Vec<String> = numbers
         .chunk_by(|before, after| before + 1 == *after)
         .map(|run| match run {
@@ -66,8 +66,8 @@ pub fn ranges(numbers: &[usize]) -> String {
             _ => run[0].to_string(),
         })
         .collect();
-    if parts.len() > MOST {
-        parts.truncate(MOST);
+    if parts.len() > MAX {
+        parts.truncate(MAX);
         parts.push(format!("... ({} in all)", numbers.len()));
     }
     parts.join(", ")

@@ -10,7 +10,7 @@ use dermis_firmware::{
 use dermis_wire::{Decoder, Received, Slot, ToDevice, ToHost};
 
 /// Slots of the largest scan table.
-const MOST: usize = 16;
+const MAX: usize = 16;
 const SLOTS: [TimedSlot; 2] = [TimedSlot::new(0, 1, None, 1000), TimedSlot::new(0, 1, Some([1, 2]), 2000)];
 const INSTRUMENT: Instrument<'static> = Instrument {
     design_sha256: [0; 32],
@@ -93,8 +93,8 @@ impl System for Clock {
 
 /// A conversation: steps of a first byte, a length, and so many bytes from the host.
 pub fn fuzz_firmware(mut data: &[u8]) {
-    let [mut complete, mut arriving, mut scanned] = [[TimedSlot::NONE; MOST]; 3];
-    let (mut tested, mut readings, mut outbox) = ([0; MOST], [0; MOST], [0; Memory::outbox_bytes(MOST)]);
+    let [mut complete, mut arriving, mut scanned] = [[TimedSlot::NONE; MAX]; 3];
+    let (mut tested, mut readings, mut outbox) = ([0; MAX], [0; MAX], [0; Memory::outbox_bytes(MAX)]);
     let memory = Memory { tables: [&mut complete, &mut arriving], readings: &mut tested, outbox: &mut outbox };
     let mut device = Device::new(INSTRUMENT, memory);
     let mut scanner = SlotScanner::new(Constant, &mut scanned, &mut readings);

@@ -12,7 +12,7 @@ const RELATIVE_ERROR: f64 = 2e-3;
 
 /// Reciprocal values disagree by the converter's steps and noise: a disagreement of more than this part of the root mean square
 /// of the values is a fault.
-const MOST_DISAGREEMENT: f64 = 0.03;
+const MAX_DISAGREEMENT: f64 = 0.03;
 
 /// Difference of reciprocal values that errors of the currents may explain, relative, and how often their noise.
 const UNLIKE_SHARE: f64 = 5e-3;
@@ -56,7 +56,7 @@ impl Data {
         let part = if groups[0].is_empty() { &groups[1] } else { &groups[0] };
         let size = rms(part.iter().map(|&channel| model[channel]));
         let noise_ohm = [0, 1].map(|group: usize| {
-            of_mean_ohm[group].max(disagreement(&twins, &values, &groups[group]).min(MOST_DISAGREEMENT * size))
+            of_mean_ohm[group].max(disagreement(&twins, &values, &groups[group]).min(MAX_DISAGREEMENT * size))
         });
         let sd = |(channel, value): (usize, &f64)| {
             let driven = protocol.channels()[channel].touches_driven();

@@ -21,18 +21,18 @@ use std::f64::consts::TAU;
 const STEPS: Steps = Steps { most: 14, control: Control::Full, shortest: 0.02, least_decrease: 0.0 };
 /// A step takes the errors of the values to be at least this part of what the last one has left: far from the solution,
 /// unknowns whose priors are narrow would explain what the sheet resistance and the contacts do.
-const LEAST_ERROR: f64 = 0.1;
+const MIN_ERROR: f64 = 0.1;
 /// A fit is given up after this many steps if what it leaves is larger than the least misfit by this factor.
 const TRIAL_STEPS: usize = 6;
 const HOPELESS: f64 = 2.0;
 /// Longest distance of an unknown from the design in its standard deviations.
-const MOST_SD: f64 = 6.0;
+const MAX_SD: f64 = 6.0;
 /// Step of the derivative by the size of a fault, standard deviations of its prior.
 const SIZE_STEP: f64 = 1e-5;
 /// Decades of a value that may be anything: the logarithm of its size is uniform over them.
 const DECADES: f64 = 10.0;
 /// Smallest such value, over the root mean square of the frame.
-const LEAST_SHARE: f64 = 1e-3;
+const MIN_SHARE: f64 = 1e-3;
 
 /// The model of a design, linear about the even skin.
 #[derive(Debug)]
@@ -291,7 +291,7 @@ impl Model {
         let size = rms(self.frame.iter().copied());
         let channel = |(channel, one): (usize, &Channel)| match network.is_open(one) {
             true => {
-                let value = data.values[channel].abs().max(LEAST_SHARE * size);
+                let value = data.values[channel].abs().max(MIN_SHARE * size);
                 -(2.0 * DECADES * std::f64::consts::LN_10 * value).ln()
             }
             false => -(data.sd[channel] * TAU.sqrt()).ln(),
@@ -382,14 +382,14 @@ impl<'a> LeastSquares for Search<'a> {
     }
 
     fn equations(&self, point: &Point) -> Result<Inflated<'a>, NotPositiveDefinite> {
-        let times = (LEAST_ERROR * rms(point.residuals.iter().copied())).max(1.0);
+        let times = (MIN_ERROR * rms(point.residuals.iter().copied())).max(1.0);
         let mut right = self.linear.transposed_product(&point.residuals);
         right.iter_mut().zip(&point.x).for_each(|(right, x)| *right -= times * times * x);
         Ok(Inflated { linear: self.linear, times, right })
     }
 
     fn limit(&self, from: &Point, step: &mut [f64]) {
-        step.iter_mut().zip(&from.x).for_each(|(part, x)| *part = (x + *part).clamp(-MOST_SD, MOST_SD) - x);
+        step.iter_mut().zip(&from.x).for_each(|(part, x)| *part = (x + *part).clamp(-MAX_SD, MAX_SD) - x);
     }
 
     fn moved(&self, from: &Point, step: &[f64]) -> Option<Point> {

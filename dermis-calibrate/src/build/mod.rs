@@ -44,7 +44,7 @@ use fit::{Fit, Model};
 use serde::Serialize;
 
 /// Gain of the logarithm of the evidence from which a fault is named.
-const LEAST_GAIN: f64 = 20.0;
+const MIN_GAIN: f64 = 20.0;
 /// A frame with a smaller misfit is explained: no further gross fault or cut is looked for. (Right explanations leave 0.3 to
 /// 0.8 on digital twins.)
 const EXPLAINED: f64 = 1.2;
@@ -52,13 +52,13 @@ const EXPLAINED: f64 = 1.2;
 const UNEXPLAINED: f64 = 2.0;
 /// Faults that leave more than this part of the misfit of the sound skin are not named where the order or the signs of the
 /// channels are wrong.
-const MOST_LEFT: f64 = 0.7;
+const MAX_LEFT: f64 = 0.7;
 /// Gain of a small fault, to first order, from which it is fitted.
 const SMALL_GAIN: f64 = 15.0;
 /// Most searches for the place of a cut, each about the skin that the last one left.
 const CUT_ROUNDS: usize = 4;
 /// Most faults that are named.
-const MOST_FAULTS: usize = 4;
+const MAX_FAULTS: usize = 4;
 /// The frame determines a contact impedance whose standard deviation is at most this share of its prior.
 const DETERMINED: f64 = 0.5;
 
@@ -176,12 +176,12 @@ impl BuildChecker {
         let sound_misfit = fit.misfit;
         let mut gains = Vec::new();
         // A cut on the mesh is coarse: what it leaves would be named as other faults.
-        while fit.faults.len() < MOST_FAULTS && !has_cut(&fit.faults) {
+        while fit.faults.len() < MAX_FAULTS && !has_cut(&fit.faults) {
             let Some((better, gain)) = self.better(&data, &fit) else { break };
             gains.push(gain);
             fit = self.pruned(&data, better, &mut gains);
         }
-        if is_unexplained(&fit, sound_misfit) && fit.misfit > MOST_LEFT * sound_misfit {
+        if is_unexplained(&fit, sound_misfit) && fit.misfit > MAX_LEFT * sound_misfit {
             let recorded = self.recorded(mean)?;
             if !is_sound(&recorded) {
                 return Ok(BuildCheck { misfit: fit.misfit, sound_misfit, ..self.unlike(frames.len(), recorded) });
@@ -252,7 +252,7 @@ impl BuildChecker {
         let left = fits.iter().map(|one| one.misfit).fold(f64::INFINITY, f64::min).max(1.0);
         let best = fits.into_iter().max_by(|a, b| a.log_evidence_at(left).total_cmp(&b.log_evidence_at(left)))?;
         let gain = best.log_evidence_at(left) - fit.log_evidence_at(left);
-        (gain > LEAST_GAIN).then_some((best, gain))
+        (gain > MIN_GAIN).then_some((best, gain))
     }
 
     /// The best fit with a cut near another beside some faults: place and skin are improved in turn.
@@ -265,7 +265,7 @@ impl BuildChecker {
             if gain > 0.0 {
                 best = next;
             }
-            if gain < LEAST_GAIN {
+            if gain < MIN_GAIN {
                 break;
             }
         }
@@ -290,7 +290,7 @@ impl BuildChecker {
                 _ => without,
             };
             let left = fit.misfit.max(1.0);
-            let needless = |one: &Fit| fit.log_evidence_at(left) - one.log_evidence_at(left) < LEAST_GAIN;
+            let needless = |one: &Fit| fit.log_evidence_at(left) - one.log_evidence_at(left) < MIN_GAIN;
             if let Some(without) = without.filter(needless) {
                 fit = without;
                 gains.remove(at);

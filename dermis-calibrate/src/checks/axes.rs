@@ -13,11 +13,11 @@ use rayon::prelude::*;
 use std::f64::consts::PI;
 
 /// Fewest presses that are judged.
-const FEWEST: usize = 20;
+const MIN_ROWS: usize = 20;
 /// Presses that are compared with the model, at most.
 const MOST: usize = 300;
 /// Other axes are stated if the frames correlate with the model by at least this much, ...
-const LEAST: f64 = 0.25;
+const MIN_AGREEMENT: f64 = 0.25;
 /// ... by this much more than with the axes as given, ...
 const MORE: f64 = 0.15;
 /// ... and more in this part of the frames.
@@ -111,7 +111,7 @@ pub(crate) struct Labelled<'a> {
 pub(crate) fn other_axes(labelled: &Labelled<'_>, model: &ModelChannels, body: &Body) -> Option<Finding> {
     let coordinates = Coordinates::of(body)?;
     let count = labelled.positions_m.len();
-    if count < FEWEST || labelled.channels.is_empty() {
+    if count < MIN_ROWS || labelled.channels.is_empty() {
         return None;
     }
     let rows = spread_over(count, MOST);
@@ -126,7 +126,7 @@ pub(crate) fn other_axes(labelled: &Labelled<'_>, model: &ModelChannels, body: &
     let (best, axes) = others.max_by(|a, b| mean(&a.0).total_cmp(&mean(&b.0)))?;
     let better = best.iter().zip(&given).filter(|(best, given)| best > given).count() as f64;
     let (value, as_given) = (mean(&best), mean(&given));
-    let clear = value >= LEAST && value - as_given >= MORE && better >= PART * rows.len() as f64;
+    let clear = value >= MIN_AGREEMENT && value - as_given >= MORE && better >= PART * rows.len() as f64;
     let evidence =
         format!("mean correlation of a frame with the model at the changed positions; {as_given:.3} as given");
     clear.then(|| Finding::new(FindingKind::TruthAxes, value, evidence, coordinates.fix(&axes)))

@@ -5,7 +5,7 @@ use dermis::stats::{mean_and_sd, upper_median};
 use faer::Mat;
 
 /// Smallest unit of a channel, in its standard deviations.
-const LEAST_UNIT: f64 = 0.1;
+const MIN_UNIT: f64 = 0.1;
 
 /// The columns with mean 0 and mean square 1; constant ones become 0.
 pub(crate) fn standardised(values: &Mat<f64>) -> Mat<f64> {
@@ -30,7 +30,7 @@ pub(crate) fn in_robust_units(frames: &[Frame]) -> Mat<f64> {
         let column: Vec<f64> = values.col(j).iter().copied().collect();
         let middle = upper_median(&column).unwrap_or(0.0);
         let apart: Vec<f64> = column.iter().map(|value| (value - middle).abs()).collect();
-        let unit = (1.4826 * upper_median(&apart).unwrap_or(0.0)).max(LEAST_UNIT * mean_and_sd(&column).1);
+        let unit = (1.4826 * upper_median(&apart).unwrap_or(0.0)).max(MIN_UNIT * mean_and_sd(&column).1);
         let convert = |value: f64| if unit > 0.0 { ((value - middle) / unit).asinh() } else { 0.0 };
         values.col_mut(j).iter_mut().for_each(|value| *value = convert(*value));
     }

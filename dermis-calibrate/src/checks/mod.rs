@@ -56,10 +56,10 @@ use serde::Serialize;
 use signs::TouchFit;
 
 /// Fewest rows whose correlations are compared with the model.
-const FEWEST_ROWS: usize = 40;
+const MIN_ROWS: usize = 40;
 
 /// Fewer channels at driven electrodes are not late by themselves.
-const FEWEST_LATE: usize = 3;
+const MIN_LATE: usize = 3;
 
 /// A recording to check, in the order of recording.
 #[derive(Debug, Clone, Copy)]
@@ -306,7 +306,7 @@ impl<'a> Check<'a> {
 
     /// Correlations of the channels over the rows, in the order of the file; `None` for few rows.
     fn correlation_of_file(&self) -> Option<Mat<f64>> {
-        let enough = self.differences.len() >= FEWEST_ROWS;
+        let enough = self.differences.len() >= MIN_ROWS;
         let aligned = || realigned(&self.differences, &self.lags).unwrap_or_else(|_| self.differences.clone());
         enough.then(|| correlations(&standardised(&in_robust_units(&aligned()))))
     }
@@ -339,7 +339,7 @@ impl<'a> Check<'a> {
         }
         let differences: Vec<Vec<f64>> = self.differences.iter().map(|frame| order.apply(frame)).collect();
         let fit = TouchFit::new(&to_matrix(&differences), &self.model);
-        let enough = differences.len() >= values::FEWEST_ROWS && fit.is_turned();
+        let enough = differences.len() >= values::MIN_ROWS && fit.is_turned();
         enough.then(|| describe::turned_changes(fit.opposite, self.untouched.is_some(), &self.protocol))
     }
 
@@ -370,7 +370,7 @@ impl<'a> Check<'a> {
         dead_in_design.iter().for_each(|&channel| evidence.lags[channel] = 0);
         for lag in LAGS.filter(|lag| *lag != 0) {
             let late: Vec<usize> = (0..evidence.lags.len()).filter(|&channel| evidence.lags[channel] == lag).collect();
-            if late.len() < FEWEST_LATE {
+            if late.len() < MIN_LATE {
                 late.iter().filter(|&&channel| self.driven[channel]).for_each(|&channel| evidence.lags[channel] = 0);
             }
         }
@@ -447,7 +447,7 @@ impl<'a> Check<'a> {
         let untouched = self.untouched.as_ref().filter(|_| !self.protocol.amplitude_only());
         let (mut channels, worst) = match untouched {
             Some(frame) => (signs::turned_untouched(&order.apply(frame), &self.model, &self.protocol, &dead), -1.0),
-            None if self.differences.len() >= FEWEST_ROWS => {
+            None if self.differences.len() >= MIN_ROWS => {
                 let turned = signs::turned_correlations(correlation, &self.model, &self.protocol, &dead);
                 (turned.channels, turned.worst)
             }

@@ -11,7 +11,7 @@ use faer::Mat;
 /// mm.
 const WIDTH: f64 = 0.056;
 /// Touches that are simulated, at most.
-const MOST_TOUCHES: usize = 1200;
+const MAX_TOUCHES: usize = 1200;
 
 /// The channels of a model.
 #[derive(Clone)]
@@ -37,7 +37,7 @@ impl ModelChannels {
         let area_m2: f64 = skin.pixels().areas.iter().sum();
         let width_m = WIDTH * area_m2.sqrt();
         let centres = &skin.pixels().centres_m;
-        let step = pixels.div_ceil(MOST_TOUCHES);
+        let step = pixels.div_ceil(MAX_TOUCHES);
         let places: Vec<usize> = (0..pixels).step_by(step).collect();
         let weight = |i: usize, pixel: usize| {
             let apart = distance(centres[places[i]], centres[pixel]) / width_m;

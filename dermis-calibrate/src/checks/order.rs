@@ -15,21 +15,21 @@ use faer::Mat;
 use rayon::prelude::*;
 
 /// Pairs of channels that are compared, at most.
-const MOST_PAIRS: usize = 20_000;
+const MAX_PAIRS: usize = 20_000;
 /// Scores closer than this part are equal.
 const EQUAL: f64 = 0.02;
 /// Another order must leave at most this part of what the untouched frame misses ...
 const MISS_RATIO: f64 = 0.5;
 /// ... and be better by at least this.
-const LEAST_GAIN: f64 = 0.05;
+const MIN_GAIN: f64 = 0.05;
 /// By the changes alone, another order must be better by this factor ...
 const GAIN_RATIO: f64 = 1.12;
 /// ... and by this difference: of two orders of noise one always fits better.
 const GAIN_CHANGES: f64 = 0.05;
 /// ... and its cosine is at least this: among the many orders of noise one is always right by chance.
-const LEAST_CHANGES: f64 = 0.12;
+const MIN_CHANGES: f64 = 0.12;
 /// Exchanged drives: smallest gain of one exchange, as a part of the score.
-const LEAST_EXCHANGE: f64 = 0.02;
+const MIN_EXCHANGE: f64 = 0.02;
 
 /// How well an order fits the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -87,7 +87,7 @@ impl<'a> Matcher<'a> {
     ) -> Self {
         let channels = model.channel_count();
         let count = channels * (channels - 1) / 2;
-        let step = count.div_ceil(MOST_PAIRS);
+        let step = count.div_ceil(MAX_PAIRS);
         let pairs = (0..channels).flat_map(|a| (0..a).map(move |b| (a, b))).step_by(step);
         let pairs = pairs.map(|(a, b)| (a, b, model.correlation[(a, b)])).collect();
         Matcher {
@@ -166,11 +166,11 @@ impl<'a> Matcher<'a> {
     /// Whether a score is better than another by more than chance.
     fn is_better(&self, score: Score, than: Score) -> bool {
         let [new, old] = [score, than].map(|score| score.untouched.abs());
-        if self.untouched.is_some() && new - old > LEAST_GAIN && 1.0 - new < MISS_RATIO * (1.0 - old) {
+        if self.untouched.is_some() && new - old > MIN_GAIN && 1.0 - new < MISS_RATIO * (1.0 - old) {
             return true;
         }
         let is_possible = self.untouched.is_none() || new > old - EQUAL;
-        let gains = score.changes > LEAST_CHANGES
+        let gains = score.changes > MIN_CHANGES
             && score.changes - than.changes > GAIN_CHANGES
             && score.changes > GAIN_RATIO * than.changes;
         is_possible && gains
@@ -184,7 +184,7 @@ impl<'a> Matcher<'a> {
         if let Some(assigned) = self.assigned(start) {
             let order = start.with_drives(self.protocol, &assigned)?;
             let found = self.score(&order);
-            if found.total() > best_score.total() + LEAST_GAIN {
+            if found.total() > best_score.total() + MIN_GAIN {
                 (drives, best_score) = (assigned, found);
             }
         }
@@ -198,7 +198,7 @@ impl<'a> Matcher<'a> {
             };
             let found = exchanges.par_iter().filter_map(exchanged);
             let (next, found) = found.max_by(|a, b| a.1.total().total_cmp(&b.1.total()))?;
-            if found.total() < best_score.total() * (1.0 + LEAST_EXCHANGE) {
+            if found.total() < best_score.total() * (1.0 + MIN_EXCHANGE) {
                 break;
             }
             (drives, best_score) = (next, found);

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// Changes of the measurements and of the drives are combined up to this number of electrodes.
-const MOST_COMBINED: usize = 32;
+const MAX_COMBINED: usize = 32;
 
 /// A way in which the order of a file may differ from the design.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,7 +77,7 @@ impl Order {
     /// more than once, by other changes.
     pub(crate) fn all(protocol: &Protocol) -> Vec<Order> {
         let mut lists = single_changes(protocol);
-        if protocol.electrode_count() <= MOST_COMBINED {
+        if protocol.electrode_count() <= MAX_COMBINED {
             lists.extend(combined(&measure_changes(protocol)));
         }
         let order = |(changes, file): Listed| Order::of_channels(changes, &file, protocol);

@@ -13,7 +13,7 @@ const APART_RATIO: f64 = 5.0;
 /// Changes disagree if their rank correlation is negative by this many times the deviation of unrelated values.
 const AGAINST_SD: f64 = 5.0;
 /// Fewest rows for a rank correlation.
-const FEWEST_ROWS: usize = 30;
+const MIN_ROWS: usize = 30;
 
 /// Channels that disagree with most of their twins in the untouched frame or in the changes, and the part of the twins'
 /// pairs.
@@ -26,7 +26,7 @@ pub(crate) fn disagreeing(
     let twins = twins(protocol);
     let usable = |channel: usize| !left_out.contains(&channel) && !twins[channel].is_empty();
     let mut against = untouched.map_or_else(Vec::new, |frame| apart_at_rest(frame, &twins));
-    if differences.nrows() >= FEWEST_ROWS {
+    if differences.nrows() >= MIN_ROWS {
         against.extend(against_in_changes(differences, &twins));
     }
     against.sort_unstable();

@@ -177,8 +177,8 @@ pub(crate) struct TouchFit {
 impl TouchFit {
     /// Compares some of the frames (differences, in the order of the design, rows x channels) with all touches.
     pub(crate) fn new(differences: &Mat<f64>, model: &ModelChannels) -> Self {
-        const MOST: usize = 200;
-        let step = differences.nrows().div_ceil(MOST).max(1);
+        const MAX: usize = 200;
+        let step = differences.nrows().div_ceil(MAX).max(1);
         let rows: Vec<usize> = (0..differences.nrows()).step_by(step).collect();
         let unit = |values: &Mat<f64>| unit_rows(&compressed(values));
         let frames = Mat::from_fn(rows.len(), differences.ncols(), |i, j| differences[(rows[i], j)]);

@@ -7,7 +7,7 @@ use faer::{Mat, Side};
 /// Blocks of rows whose means show drift.
 const BLOCKS: usize = 10;
 /// Fewest rows in which drift and memory are looked for.
-const FEWEST_ROWS: usize = 100;
+const MIN_ROWS: usize = 100;
 /// Drift is stated where the means of the blocks explain this part of the variance of the median channel.
 const DRIFT: f64 = 0.02;
 /// Memory is stated where the row before explains this part of the leading components, by cross-validation.
@@ -30,7 +30,7 @@ pub(crate) struct Course {
 /// The course of a recording (standardised, rows x channels); `None` for few rows.
 pub(crate) fn course(standardised: &Mat<f64>, components: &Mat<f64>) -> Option<Course> {
     let rows = standardised.nrows();
-    if rows < FEWEST_ROWS || components.ncols() == 0 {
+    if rows < MIN_ROWS || components.ncols() == 0 {
         return None;
     }
     let drift = (0..standardised.ncols()).map(|channel| {

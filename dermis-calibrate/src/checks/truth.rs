@@ -18,9 +18,9 @@ const RIDGE: f64 = 1e-3;
 /// Blocks of rows for cross-validation.
 const FOLDS: usize = 8;
 /// Fewest rows.
-const FEWEST_ROWS: usize = 60;
+const MIN_ROWS: usize = 60;
 /// The best shift explains at least this part of the components ...
-const LEAST: f64 = 0.1;
+const MIN: f64 = 0.1;
 /// ... and this much more than no shift.
 const MORE: f64 = 0.05;
 
@@ -30,12 +30,12 @@ const FAR: i32 = 30;
 const CHANCE_SD: f64 = 10.0;
 /// ... with this ridge over the mean square of a frame, in at most so many rows.
 const NOISE_RIDGE: f64 = 10.0;
-const MOST_ROWS: usize = 1000;
+const MAX_ROWS: usize = 1000;
 
 /// The part of the leading components of the frames that smooth functions of the position explain, for each of
 /// [`SHIFTS`], by cross-validation: position `i + shift` for frame `i`. Empty for few rows.
 pub(crate) fn explained(components: &Mat<f64>, positions_m: &[Point3]) -> Vec<f64> {
-    if components.nrows() < FEWEST_ROWS || components.ncols() == 0 {
+    if components.nrows() < MIN_ROWS || components.ncols() == 0 {
         return Vec::new();
     }
     let features = features(positions_m);
@@ -45,7 +45,7 @@ pub(crate) fn explained(components: &Mat<f64>, positions_m: &[Point3]) -> Vec<f6
 /// The part of the leading components that the position of the press before explains besides that of the press itself;
 /// `None` for few rows.
 pub(crate) fn memory(components: &Mat<f64>, positions_m: &[Point3]) -> Option<f64> {
-    if components.nrows() < FEWEST_ROWS || components.ncols() == 0 {
+    if components.nrows() < MIN_ROWS || components.ncols() == 0 {
         return None;
     }
     let own = features(positions_m);
@@ -60,7 +60,7 @@ pub(crate) fn memory(components: &Mat<f64>, positions_m: &[Point3]) -> Option<f6
 pub(crate) fn shifted(explained: &[f64]) -> Option<Finding> {
     let zero = *explained.get((-SHIFTS.start()) as usize)?;
     let (shift, best) = SHIFTS.zip(explained.iter().copied()).max_by(|a, b| a.1.total_cmp(&b.1))?;
-    (shift != 0 && best > LEAST && best - zero > MORE).then(|| finding(shift, best, zero))
+    (shift != 0 && best > MIN && best - zero > MORE).then(|| finding(shift, best, zero))
 }
 
 /// Positions that belong to other rows, where noise hides most of each press: all channels together locate the presses best at
@@ -70,8 +70,8 @@ pub(crate) fn shifted(explained: &[f64]) -> Option<Finding> {
 /// leaving each row out: with `C` the inverse of `X X' + l`, the residual of row `i` is `(C y)_i / C_ii` (Hoerl and Kennard 1970, DOI
 /// 10.1080/00401706.1970.10488634; Golub, Heath and Wahba 1979, DOI 10.1080/00401706.1979.10489751, section 2).
 pub(crate) fn shifted_in_noise(standardised: &Mat<f64>, positions_m: &[Point3]) -> Option<Finding> {
-    let rows = standardised.nrows().min(MOST_ROWS);
-    if rows < FEWEST_ROWS.max(4 * FAR as usize) {
+    let rows = standardised.nrows().min(MAX_ROWS);
+    if rows < MIN_ROWS.max(4 * FAR as usize) {
         return None;
     }
     let frames = standardised.subrows(0, rows);

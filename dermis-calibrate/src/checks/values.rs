@@ -28,7 +28,7 @@ const FAR_FRAME: f64 = 3.0;
 /// Part of the channels of an outlier frame.
 const FAR_PART: f64 = 0.25;
 /// Fewest rows for statistics of a channel.
-pub(super) const FEWEST_ROWS: usize = 20;
+pub(super) const MIN_ROWS: usize = 20;
 
 /// The columns of frames.
 pub(crate) fn columns(frames: &[Frame]) -> Vec<Vec<f64>> {
@@ -109,7 +109,7 @@ pub(crate) fn distances(columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
 /// Frames and single values far outside the range of the others.
 pub(crate) fn outliers(columns: &[Vec<f64>], dead: &[usize]) -> Vec<Finding> {
     let rows = columns.first().map_or(0, Vec::len);
-    if rows < FEWEST_ROWS {
+    if rows < MIN_ROWS {
         return Vec::new();
     }
     let used: Vec<usize> = (0..columns.len()).filter(|channel| !dead.contains(channel)).collect();

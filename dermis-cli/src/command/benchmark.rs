@@ -6,7 +6,7 @@ use crate::method::MethodArguments;
 use crate::range::{count, seed};
 use crate::skin;
 use clap::Args;
-use dermis::design::MOST_ELECTRODES;
+use dermis::design::MAX_ELECTRODES;
 use dermis::frame::{Differences, write_whole};
 use dermis::method::Method;
 use dermis::skin::Skin;
@@ -51,7 +51,7 @@ pub struct Arguments {
         value_name = "N",
         default_value_t = 0,
         hide_default_value = true,
-        value_parser = count(0..=MOST_ELECTRODES)
+        value_parser = count(0..=MAX_ELECTRODES)
     )]
     dead: usize,
     /// Score pins, balls, palms, edges and two fingers on skins with patches of 4 to 20 mm or none, foam of 1.5 to 4 mm, coats of

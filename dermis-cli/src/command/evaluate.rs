@@ -179,7 +179,7 @@ impl Arguments {
         let diagonal_m = |[low, high]: [Point3; 2]| distance(low, high);
         let spread_m = diagonal_m(bounding_box(presses.iter().copied()));
         let skin_m = diagonal_m(bounding_box(skin.mesh().nodes.iter().copied()));
-        if spread_m <= MOST_SPREAD * skin_m {
+        if spread_m <= MAX_SPREAD * skin_m {
             return Ok(());
         }
         let message = format!(
@@ -206,7 +206,7 @@ impl Arguments {
 }
 
 /// Presses are spread over at most this many times the size of the skin: its pose may be known roughly, not its scale.
-const MOST_SPREAD: f64 = 3.0;
+const MAX_SPREAD: f64 = 3.0;
 
 /// Numbers of rows, their frames and their touches.
 type Chosen = (Vec<usize>, Vec<Frame>, Vec<Vec<Contact>>);

@@ -14,7 +14,7 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 /// Maximum number of values of the frames from a file of touches.
-const MOST_VALUES: f64 = 32e6;
+const MAX_VALUES: f64 = 32e6;
 
 /// The arguments of `dermis forward`.
 #[derive(Debug, Args)]
@@ -72,7 +72,7 @@ impl Arguments {
             )
         })?;
         let last = table.rows.iter().filter_map(|row| row.get(column)).fold(0.0, |last: f64, &frame| last.max(frame));
-        let most = (MOST_VALUES / skin.design().protocol.channel_count() as f64).floor();
+        let most = (MAX_VALUES / skin.design().protocol.channel_count() as f64).floor();
         if last >= most {
             let message = format!("{} names frame {last}: at most {most} of this skin are simulated", path.display());
             return Err(Failure::given(message, Some("number the frames from 0")));

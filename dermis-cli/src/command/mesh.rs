@@ -64,11 +64,11 @@ fn warn_of_coarse_ends(report: &MeshReport) {
 
 /// A sleeve has two rims, a glove without fingertips six: a surface with more has holes. A rim of a surface of n triangles has
 /// about the root of n edges; holes that meet at a node are one curve with many.
-const MOST_RIMS: usize = 6;
+const MAX_RIMS: usize = 6;
 
 fn warn_of_holes(design: &SkinDesign, report: &MeshReport) {
     let ([curves, edges], Body::Mesh { path, .. }) = (report.open_curves, &design.body) else { return };
-    if curves > MOST_RIMS || edges as f64 > MOST_RIMS as f64 * (report.cell_count as f64).sqrt() {
+    if curves > MAX_RIMS || edges as f64 > MAX_RIMS as f64 * (report.cell_count as f64).sqrt() {
         warn(&format!(
             "{}: the surface has {curves} rims and holes with {}, round which the current must flow: if the body has no such holes, the file lacks \
              triangles; repair it in the program that wrote it",

@@ -9,7 +9,7 @@ use dermis::forward::ForwardModel;
 use dermis::mesh::Mesh;
 use dermis::text::counted;
 use dermis_sim::dataset::{
-    self, GaussianTouches, Generator, MOST_TOUCHES, Manifest, PatchTouches, Recipe, Record, Run, Shard, SkinSpread,
+    self, GaussianTouches, Generator, MAX_TOUCHES, Manifest, PatchTouches, Recipe, Record, Run, Shard, SkinSpread,
     Skins, Touch,
 };
 use serde_json::json;
@@ -18,7 +18,7 @@ use std::str::FromStr;
 use std::time::Instant;
 
 /// More samples would not fit on any disk.
-const MOST_SAMPLES: u64 = 1_000_000_000_000_000;
+const MAX_SAMPLES: u64 = 1_000_000_000_000_000;
 
 /// The arguments of `dermis simulate`.
 #[derive(Debug, Args)]
@@ -32,7 +32,7 @@ pub struct Arguments {
     #[arg(required_unless_present_any = ["finish", "verify"])]
     design: Option<String>,
     /// Number of samples.
-    #[arg(long, value_name = "N", required_unless_present_any = ["finish", "verify"], value_parser = count(1..=MOST_SAMPLES))]
+    #[arg(long, value_name = "N", required_unless_present_any = ["finish", "verify"], value_parser = count(1..=MAX_SAMPLES))]
     samples: Option<u64>,
     /// Seed; sample i depends on the seed and on i alone.
     #[arg(long, value_name = "S", required_unless_present_any = ["finish", "verify"], value_parser = seed)]
@@ -47,7 +47,7 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = TouchName::Gaussian)]
     touch: TouchName,
     /// Largest number of touches of a sample.
-    #[arg(long, value_name = "K", value_parser = count(1..=MOST_TOUCHES))]
+    #[arg(long, value_name = "K", value_parser = count(1..=MAX_TOUCHES))]
     most_touches: Option<usize>,
     /// Smallest and largest width of a touch (standard deviation), m.
     #[arg(long, value_names = ["FROM", "TO"], num_args = 2, value_parser = number(1e-4..=100.0))]

@@ -5,7 +5,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 /// Most memory, KiB.
-const MOST_KIB: u64 = 1 << 20;
+const MAX_KIB: u64 = 1 << 20;
 /// Threads of the program.
 const THREADS: u64 = 2;
 
@@ -22,7 +22,7 @@ pub struct Ended {
 /// second limit is larger by these.
 pub fn run(folder: &Path, arguments: &str, most_time: Duration) -> Result<Ended, String> {
     let file = |name: &str| std::fs::File::create(folder.join(name)).unwrap();
-    let most_allocated_kib = MOST_KIB + 2 * (THREADS + 2) * last_level_cache_kib();
+    let most_allocated_kib = MAX_KIB + 2 * (THREADS + 2) * last_level_cache_kib();
     let run = format!("ulimit -c 0; ulimit -d {most_allocated_kib}; exec {} {arguments}", env!("CARGO_BIN_EXE_dermis"));
     let mut shell = Command::new("sh");
     shell.args(["-c", &run]).current_dir(folder).env("NO_COLOR", "1").env("RAYON_NUM_THREADS", THREADS.to_string());
@@ -40,7 +40,7 @@ fn within(child: &mut Child, most_time: Duration) -> Result<ExitStatus, String> 
             return Ok(status);
         }
         let exceeded = match resident_kib(child.id()) {
-            Some(kib) if kib > MOST_KIB => Some(format!("it takes {kib} KiB of memory")),
+            Some(kib) if kib > MAX_KIB => Some(format!("it takes {kib} KiB of memory")),
             _ if begun.elapsed() > most_time => Some(format!("it takes more than {most_time:?}")),
             _ => None,
         };

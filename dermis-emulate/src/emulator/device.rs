@@ -73,8 +73,8 @@ impl std::fmt::Debug for Emulator {
 }
 
 /// Most frames that are computed in advance, and most bytes of them.
-pub const MOST_PRERENDERED: usize = 1_000_000;
-const MOST_PRERENDERED_BYTES: usize = 1 << 29;
+pub const MAX_PRERENDERED: usize = 1_000_000;
+const MAX_PRERENDERED_BYTES: usize = 1 << 29;
 
 /// Most bytes of Green's functions that the twin keeps: those of some hundred places.
 const TABLE_BYTES: usize = 64 << 20;
@@ -98,12 +98,12 @@ impl Emulator {
         }
         options.faults.iter().try_for_each(|timed| check_fault(design, timed))?;
         let scan = ScanTable::new(&design.protocol)?;
-        let most = MOST_PRERENDERED.min(MOST_PRERENDERED_BYTES / (size_of::<i32>() * scan.slots().len().max(1)));
+        let most = MAX_PRERENDERED.min(MAX_PRERENDERED_BYTES / (size_of::<i32>() * scan.slots().len().max(1)));
         if options.prerendered > most {
             return Err(EmulateError::Given(format!(
                 "{} frames in advance: at most {most} of this skin fit into {} MiB",
                 options.prerendered,
-                MOST_PRERENDERED_BYTES >> 20
+                MAX_PRERENDERED_BYTES >> 20
             )));
         }
         let bits = options.twin.electronics.adc.map_or(IDEAL_BITS, |adc| adc.bits);

@@ -100,7 +100,7 @@ const FORMS: &str = "loose:ELECTRODE[:OHM]@SECONDS, mend:ELECTRODE@SECONDS, cloc
                      saturated:CHANNEL";
 
 /// The largest number of a fault, in its unit.
-const MOST: f64 = 1e9;
+const MAX: f64 = 1e9;
 
 impl FromStr for TimedFault {
     type Err = EmulateError;
@@ -116,7 +116,7 @@ impl FromStr for TimedFault {
 }
 
 fn parse(text: &str) -> Option<TimedFault> {
-    let number = |text: &str| text.parse::<f64>().ok().filter(|value| value.abs() <= MOST);
+    let number = |text: &str| text.parse::<f64>().ok().filter(|value| value.abs() <= MAX);
     let positive = |text: &str| number(text).filter(|value| *value >= 0.0);
     let (what, when) = text.split_once('@')?;
     let (at_s, for_s) = match when.split_once('+') {

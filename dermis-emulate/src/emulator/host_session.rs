@@ -14,7 +14,7 @@ use rand_chacha::ChaCha8Rng;
 use std::time::{Duration, Instant};
 
 /// A frame that is later than this, in the device's time if that is slower, is skipped.
-const MOST_LATE: Duration = Duration::from_millis(250);
+const MAX_LATE: Duration = Duration::from_millis(250);
 /// Interval of status messages, us of the device's time.
 const STATUS_US: f64 = 1e6;
 
@@ -206,7 +206,7 @@ impl<'a> HostSession<'a> {
             let due = self.began.0 + Duration::from_secs_f64((index - self.began.1) as f64 * frame_s);
             match due.checked_duration_since(Instant::now()) {
                 Some(wait) => std::thread::sleep(wait),
-                None if due.elapsed() > MOST_LATE.div_f64(emulator.options().speed.min(1.0)) => {
+                None if due.elapsed() > MAX_LATE.div_f64(emulator.options().speed.min(1.0)) => {
                     // The twin is too slow: late frames are skipped, as an instrument does on a slow line.
                     let skipped = (due.elapsed().as_secs_f64() / frame_s) as u64;
                     self.dropped = self.dropped.wrapping_add(skipped as u32);

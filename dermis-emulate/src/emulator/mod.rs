@@ -9,7 +9,7 @@ mod pty;
 mod script;
 mod timing;
 
-pub use device::{Emulator, EmulatorOptions, MOST_PRERENDERED};
+pub use device::{Emulator, EmulatorOptions, MAX_PRERENDERED};
 pub use fault::{Fault, ReadingFault, TimedFault};
 pub use port::Port;
 #[cfg(unix)]

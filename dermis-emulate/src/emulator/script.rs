@@ -2,7 +2,7 @@
 
 use crate::EmulateError;
 use dermis::design::SkinDesign;
-use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
+use dermis::files::{MAX_SETTINGS_BYTES, read_text_at_most};
 use dermis::geom::{Point3, Surface};
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
@@ -81,7 +81,7 @@ impl Script {
                 return Ok(script);
             }
         }
-        let text = read_text_at_most(Path::new(name_or_path), MOST_SETTINGS_BYTES).map_err(|error| {
+        let text = read_text_at_most(Path::new(name_or_path), MAX_SETTINGS_BYTES).map_err(|error| {
             EmulateError::Given(format!(
                 "cannot read the script {name_or_path}: {error}; give a file or one of {}",
                 NAMED.join(", ")
@@ -188,7 +188,7 @@ const HELD: f64 = 0.6;
 /// Number of random touches before they repeat.
 const RANDOM_TOUCHES: u32 = 500;
 /// Smallest force of a press, N: the force while it rises from zero.
-const LEAST_N: f64 = 0.01;
+const MIN_N: f64 = 0.01;
 
 impl Stroke {
     fn check(&self, design: &SkinDesign) -> Result<(), String> {
@@ -238,7 +238,7 @@ impl Stroke {
                 }
             }
         };
-        (force_n >= LEAST_N).then_some(Press { centre_m, force_n, tip_radius_m })
+        (force_n >= MIN_N).then_some(Press { centre_m, force_n, tip_radius_m })
     }
 }
 

@@ -28,7 +28,7 @@ impl FrontEnd for TwinFrontEnd<'_> {
     const LIMITS: Limits = Limits { overhead_ns: 1504, frame_ns: 0, longest_wait_ns: 10_000_000 };
 
     /// The twin answers for the time that it is given.
-    const MOST_LATE_US: u64 = 250_000;
+    const MAX_LATE_US: u64 = 250_000;
 
     fn begin(&mut self, time_us: u64) {
         match self.device.frame_at(time_us, &mut self.history) {

@@ -12,7 +12,7 @@ use dermis_wire::Slot;
 use std::fmt::Write;
 
 /// Bits of the firmware's readings.
-const MOST_BITS: u32 = 16;
+const MAX_BITS: u32 = 16;
 
 /// The constants of a reader for a skin.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,9 +37,9 @@ impl ReaderPlan {
     /// Electronics without a converter, or with one of more than 16 bits; a design without a solution.
     pub fn new(design: &SkinDesign, twin: &TwinOptions, switching: Switching) -> Result<Self, EmulateError> {
         let electronics = &twin.electronics;
-        let Some(adc) = electronics.adc.filter(|adc| adc.bits <= MOST_BITS) else {
+        let Some(adc) = electronics.adc.filter(|adc| adc.bits <= MAX_BITS) else {
             return Err(EmulateError::Given(format!(
-                "the twin `{}` has no converter of at most {MOST_BITS} bits, which the firmware sends: state \
+                "the twin `{}` has no converter of at most {MAX_BITS} bits, which the firmware sends: state \
                  [electronics.adc] in its file",
                 twin.name
             )));

@@ -47,7 +47,7 @@ pub struct FirmwareDevice {
 const TABLE_BYTES: usize = 64 << 20;
 
 /// Slots of the largest scan table.
-const MOST_SLOTS: usize = 4096;
+const MAX_SLOTS: usize = 4096;
 
 /// Time between two polls of the device, us.
 const REST_US: u64 = 200;
@@ -98,9 +98,9 @@ impl FirmwareDevice {
         listener.set_nonblocking(true).map_err(broken)?;
         let mut link = TcpLink { listener, stream: None, is_full: false, failure: None };
         let mut clock = Clock::new(&self.options);
-        let mut tables = [vec![TimedSlot::NONE; MOST_SLOTS], vec![TimedSlot::NONE; MOST_SLOTS]];
-        let (mut slots, mut readings) = (vec![TimedSlot::NONE; MOST_SLOTS], vec![0; MOST_SLOTS]);
-        let (mut tested, mut outbox) = (vec![0; MOST_SLOTS], vec![0; Memory::outbox_bytes(MOST_SLOTS)]);
+        let mut tables = [vec![TimedSlot::NONE; MAX_SLOTS], vec![TimedSlot::NONE; MAX_SLOTS]];
+        let (mut slots, mut readings) = (vec![TimedSlot::NONE; MAX_SLOTS], vec![0; MAX_SLOTS]);
+        let (mut tested, mut outbox) = (vec![0; MAX_SLOTS], vec![0; Memory::outbox_bytes(MAX_SLOTS)]);
         let [complete, arriving] = &mut tables;
         let memory = Memory { tables: [complete, arriving], readings: &mut tested, outbox: &mut outbox };
         let name = format!("dermis firmware, twin `{}`, seed {}", self.options.twin.name, self.options.seed);

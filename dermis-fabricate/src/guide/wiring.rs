@@ -13,9 +13,9 @@ use std::fmt::Write as _;
 const LINES: [(&str, &str); 4] =
     [("source", "reference resistor"), ("sink", "ground"), ("plus", "amplifier +"), ("minus", "amplifier -")];
 /// Multiplexers of each line that are drawn; the table has all.
-const MOST_DRAWN: usize = 2;
+const MAX_DRAWN: usize = 2;
 /// The most electrodes of a board as `docs/firmware.md` describes it.
-const MOST_OF_PICO: usize = MultiplexerInput::REFERENCE.input;
+const MAX_OF_PICO: usize = MultiplexerInput::REFERENCE.input;
 
 /// Pins of the controller (`docs/firmware.md`).
 const PINS: [(&str, &str); 9] = [
@@ -44,7 +44,7 @@ fn body(fabrication: &Fabrication, electrical: &Electrical) -> String {
         "Measure from each electrode to its inputs with an ohmmeter before the board is switched on.".into(),
     ];
     let mut text = list(&steps);
-    for multiplexer in 0..electrical.multiplexers.min(MOST_DRAWN) {
+    for multiplexer in 0..electrical.multiplexers.min(MAX_DRAWN) {
         let caption = format!(
             "Multiplexers {multiplexer} of the four lines. Each row is an input; the electrode beside it is on this input \
              of all four. A dot is a joint."
@@ -68,9 +68,9 @@ fn inputs(fabrication: &Fabrication, electrical: &Electrical) -> String {
 
 fn controller(fabrication: &Fabrication) -> String {
     let rows = PINS.iter().map(|(pin, to)| [pin.to_string(), to.to_string()]);
-    let more = match fabrication.electrodes.len() > MOST_OF_PICO {
+    let more = match fabrication.electrodes.len() > MAX_OF_PICO {
         true => format!(
-            "<p class=\"note\">Note: this controller's firmware reads up to {MOST_OF_PICO} electrodes with one multiplexer a \
+            "<p class=\"note\">Note: this controller's firmware reads up to {MAX_OF_PICO} electrodes with one multiplexer a \
              line. More multiplexers need an enable pin each and a front end of your own (docs/firmware.md).</p>\n"
         ),
         false if fabrication.options.inputs.is_some() => {

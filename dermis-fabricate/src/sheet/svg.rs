@@ -48,7 +48,7 @@ fn written(sheet: &Sheet, label: &Label, size: &str) -> String {
 
 /// Smallest capitals that are read on paper, mm, and most labels that are enlarged to them.
 const READABLE_MM: f64 = 1.6;
-const MOST_ENLARGED: usize = 120;
+const MAX_ENLARGED: usize = 120;
 /// Width of a letter over the height of capitals, at most.
 const LETTER: f64 = 1.0;
 
@@ -63,7 +63,7 @@ pub(crate) fn figure(sheet: &Sheet, box_mm: [f64; 2]) -> String {
     let labels: Vec<&Label> = sheet.labels.iter().filter(inside).collect();
     let usual_mm = 1e3 * labels.iter().map(|label| label.height_m).fold(f64::MIN_POSITIVE, f64::max);
     let factor = (READABLE_MM / (scale * usual_mm)).max(1.0);
-    let shown = factor == 1.0 || labels.len() <= MOST_ENLARGED;
+    let shown = factor == 1.0 || labels.len() <= MAX_ENLARGED;
     let line = 0.25 / scale;
     // Room for labels of what is at the right edge.
     let end = |label: &&Label| {

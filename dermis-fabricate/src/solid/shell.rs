@@ -10,9 +10,9 @@ use manifold_rust::types::Error;
 use std::collections::HashMap;
 
 /// Least part of the wall that may be left where the body is curved.
-const LEAST_WALL: f64 = 0.8;
+const MIN_WALL: f64 = 0.8;
 /// Most by which a node is farther from its inner one than the wall, where triangles meet at an angle.
-const MOST_STRETCH: f64 = 1.5;
+const MAX_STRETCH: f64 = 1.5;
 
 /// The solid between a surface and its inner face.
 pub(crate) fn shell(mesh: &BodyMesh, wall_m: f64) -> Result<Manifold, FabricateError> {
@@ -51,7 +51,7 @@ pub(crate) fn inner_m(mesh: &BodyMesh, wall_m: f64) -> Vec<Point3> {
         }
     }
     let place = |node: usize| {
-        let stretch = 1.0 / least_cosine[node].max(1.0 / MOST_STRETCH);
+        let stretch = 1.0 / least_cosine[node].max(1.0 / MAX_STRETCH);
         add(mesh.nodes[node], scale(inward[node], wall_m * stretch))
     };
     (0..mesh.nodes.len()).map(place).collect()
@@ -88,7 +88,7 @@ fn flat_edges(mesh: &BodyMesh) -> Vec<(Vec<usize>, Point3)> {
 fn check_wall(mesh: &BodyMesh, inner: &[Point3], wall_m: f64) -> Result<(), FabricateError> {
     for (node, &place) in inner.iter().enumerate() {
         let left_m = mesh.distance_m(place);
-        if left_m < LEAST_WALL * wall_m {
+        if left_m < MIN_WALL * wall_m {
             let [x, y, z] = mesh.nodes[node].map(|value| 1e3 * value);
             let message = format!("only {:.2} mm are left at ({x:.1}, {y:.1}, {z:.1}) mm", 1e3 * left_m);
             return Err(too_thick(wall_m, &message));

@@ -7,7 +7,7 @@ use dermis_wire::{Decoder, Received, Slot, ToDevice, ToHost, packet_bytes};
 use std::collections::VecDeque;
 
 /// Slots of the largest table here.
-pub const MOST: usize = 40;
+pub const MAX: usize = 40;
 
 /// A line between device and host that carries so many bytes per poll.
 pub struct FakeLink {
@@ -160,10 +160,10 @@ pub const INSTRUMENT: Instrument<'static> = Instrument {
     boot: 6,
 };
 
-/// Calls a function with a device that has memory for [`MOST`] slots.
+/// Calls a function with a device that has memory for [`MAX`] slots.
 pub fn with_device<R>(instrument: Instrument<'_>, run: impl FnOnce(Device<'_>) -> R) -> R {
-    let (mut complete, mut arriving) = ([TimedSlot::NONE; MOST], [TimedSlot::NONE; MOST]);
-    let (mut readings, mut outbox) = ([0; MOST], [0; Memory::outbox_bytes(MOST)]);
+    let (mut complete, mut arriving) = ([TimedSlot::NONE; MAX], [TimedSlot::NONE; MAX]);
+    let (mut readings, mut outbox) = ([0; MAX], [0; Memory::outbox_bytes(MAX)]);
     let memory = Memory { tables: [&mut complete, &mut arriving], readings: &mut readings, outbox: &mut outbox };
     run(Device::new(instrument, memory))
 }

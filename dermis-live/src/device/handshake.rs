@@ -172,8 +172,8 @@ impl Handshake<'_> {
 
 /// Transmission time of the scan table and of the test readings on a serial line.
 fn on_line(slot_count: usize, baud: u32) -> Duration {
-    let part_bytes = dermis_wire::packet_bytes(7 + ScanPart::MOST * Slot::BYTES);
-    let bytes = slot_count.div_ceil(ScanPart::MOST) * part_bytes + Frame::packet_bytes(slot_count, 4);
+    let part_bytes = dermis_wire::packet_bytes(7 + ScanPart::MAX * Slot::BYTES);
+    let bytes = slot_count.div_ceil(ScanPart::MAX) * part_bytes + Frame::packet_bytes(slot_count, 4);
     match baud {
         0 => Duration::ZERO,
         baud => Duration::from_secs_f64(bytes as f64 * BITS / f64::from(baud)),

@@ -57,8 +57,8 @@ impl ScanTable {
     /// The parts in which it is sent.
     pub fn parts(&self) -> impl Iterator<Item = ScanPart<'_>> {
         let total = self.slots.len() as u16;
-        self.slots.chunks(ScanPart::MOST).enumerate().map(move |(part, slots)| ScanPart {
-            first: (part * ScanPart::MOST) as u16,
+        self.slots.chunks(ScanPart::MAX).enumerate().map(move |(part, slots)| ScanPart {
+            first: (part * ScanPart::MAX) as u16,
             total,
             slots: Slots::Given(slots),
         })

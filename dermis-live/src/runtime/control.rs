@@ -101,7 +101,7 @@ pub struct RecordingOptions {
 }
 
 /// The hardest press on an emulated skin, N.
-const MOST_N: f64 = 20.0;
+const MAX_N: f64 = 20.0;
 
 impl Control {
     /// Controls a skin being read; `source` describes where its frames come from.
@@ -243,8 +243,8 @@ impl Control {
         let Some(emulator) = &self.emulator else {
             return Err(LiveError::Given("only an emulated skin can be pressed from here".into()));
         };
-        if !(force_n > 0.0 && force_n <= MOST_N) {
-            return Err(LiveError::Given(format!("a force of {force_n} N: it must be above 0 and at most {MOST_N}")));
+        if !(force_n > 0.0 && force_n <= MAX_N) {
+            return Err(LiveError::Given(format!("a force of {force_n} N: it must be above 0 and at most {MAX_N}")));
         }
         emulator.press(finger, onto(&self.shared.skin().pixels().surface, position_m), force_n)
     }
@@ -260,7 +260,7 @@ pub struct ClientSession {
 }
 
 /// Most fingers of a client that press at once.
-const MOST_FINGERS: usize = 10;
+const MAX_FINGERS: usize = 10;
 
 impl ClientSession {
     /// A session with the controls of a skin.
@@ -294,8 +294,8 @@ impl ClientSession {
 
     /// The number of one of its fingers on the emulated skin.
     fn finger(&mut self, finger: u32) -> Result<u32, String> {
-        if !self.fingers.contains_key(&finger) && self.fingers.len() >= MOST_FINGERS {
-            return Err(format!("{MOST_FINGERS} fingers are the most"));
+        if !self.fingers.contains_key(&finger) && self.fingers.len() >= MAX_FINGERS {
+            return Err(format!("{MAX_FINGERS} fingers are the most"));
         }
         let next = &self.control.next_finger;
         Ok(*self.fingers.entry(finger).or_insert_with(|| next.fetch_add(1, Ordering::Relaxed)))

@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 /// A subscriber receives the notices of this time after the start, even if it subscribes later.
 const EARLY: Duration = Duration::from_secs(5);
 /// Frames that can wait for the pipeline: half a second at 120 frames per second.
-const MOST_WAITING: usize = 64;
+const MAX_WAITING: usize = 64;
 
 /// Notices of the device, and notices altogether, that subscribers receive in a second.
 const DEVICE_NOTICES: u32 = 5;
@@ -70,7 +70,7 @@ impl LiveHandle {
     pub(super) fn new(pipeline: &Pipeline) -> Arc<Self> {
         Arc::new(LiveHandle {
             methods: Arc::clone(pipeline.methods()),
-            work: Mailbox::new(MOST_WAITING),
+            work: Mailbox::new(MAX_WAITING),
             late: AtomicU64::new(0),
             commands: Mutex::default(),
             subscribers: Mutex::default(),
@@ -97,7 +97,7 @@ impl LiveHandle {
 
     /// Waits for room in the queue, so that one more item drops no older one.
     pub(crate) fn await_room(&self) {
-        while self.work.len() + 1 >= MOST_WAITING && !self.is_stopped() {
+        while self.work.len() + 1 >= MAX_WAITING && !self.is_stopped() {
             std::thread::sleep(Duration::from_micros(100));
         }
     }

@@ -78,7 +78,7 @@ impl<'a> FrameLine<'a> {
 /// Lines that can wait for a reader.
 const WAITING: usize = 256;
 /// Programs that read lines at once, each on a thread; more connections are closed.
-const MOST_READERS: usize = 64;
+const MAX_READERS: usize = 64;
 
 /// Subscribes to the frames from now on, for [`write_lines`]; if they are not read fast enough, the oldest are dropped.
 pub fn lines(shared: &LiveHandle) -> Arc<Mailbox<Event>> {
@@ -154,7 +154,7 @@ pub fn serve_lines(shared: &Arc<LiveHandle>, address: &str) -> Result<(SocketAdd
                 .and_then(|()| stream.set_nodelay(true))
                 .and_then(|()| stream.set_write_timeout(Some(Duration::from_secs(10))));
             // One count is of this thread.
-            if ready.is_ok() && Arc::strong_count(&readers) <= MOST_READERS {
+            if ready.is_ok() && Arc::strong_count(&readers) <= MAX_READERS {
                 let reader = Arc::clone(&readers);
                 let shared = Arc::clone(&shared);
                 // A reader that disconnects or is too slow is not an error.

@@ -44,7 +44,7 @@ pub use error::DatasetError;
 pub use finish::{Checked, FileRecord, Manifest, Statistics, finish, verify};
 pub use generator::{Generator, Stream, Worker};
 pub use reader::Dataset;
-pub use recipe::{GaussianTouches, MOST_TOUCHES, PatchTouches, Recipe, SkinSpread, Skins, Together, Touch};
+pub use recipe::{GaussianTouches, MAX_TOUCHES, PatchTouches, Recipe, SkinSpread, Skins, Together, Touch};
 pub use record::{DesignRecord, MeshRecord, PixelRecord, Record, TensorRecord};
 pub use run::{Run, RunReport, Shard};
 pub use sample::{Sample, SampleTouch, TOUCH_COLUMNS, TouchKind, TouchRow};

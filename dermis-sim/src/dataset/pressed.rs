@@ -3,7 +3,7 @@
 use crate::dataset::generator::{Rows, UNIT, write_row, write_touches};
 use crate::dataset::places::Places;
 use crate::dataset::press_target::PressTarget;
-use crate::dataset::recipe::{MOST_TOUCHES, PatchTouches, Recipe, SkinSpread, Skins};
+use crate::dataset::recipe::{MAX_TOUCHES, PatchTouches, Recipe, SkinSpread, Skins};
 use crate::dataset::sample::{SampleTouch, TouchKind, single};
 use crate::dataset::skins::SkinInstance;
 use crate::elementary::{sin_cos, unrolled};
@@ -195,7 +195,7 @@ impl PressWorker<'_> {
 
     fn write(&mut self, row: usize, presses: &[Press], footprints: &[Footprint], rows: &mut Rows<'_>) {
         write_row(rows.frames, row, self.frame.iter().copied());
-        let mut strengths = [0.0; MOST_TOUCHES];
+        let mut strengths = [0.0; MAX_TOUCHES];
         let strengths = &mut strengths[..presses.len()];
         self.maker.target.image_into(footprints, &mut self.image, strengths);
         write_row(rows.images, row, self.image.iter().copied());

@@ -19,7 +19,7 @@ const REACH_WIDTHS: f64 = 5.5;
 /// Limit of exponents, so that the series for the exponential stays in its range: exp(-32) = 1.3e-14.
 const LARGEST_EXPONENT: f64 = 32.0;
 /// Maximum subdivision level: a mesh cannot resolve a touch of an eighth of a cell's edge.
-const MOST_DIVISIONS: usize = 3;
+const MAX_DIVISIONS: usize = 3;
 /// A block's lane without a cell.
 const NO_CELL: u32 = u32::MAX;
 
@@ -97,7 +97,7 @@ impl CellRaster {
             .collect();
         let longest = corners.iter().map(|corners| longest_edge(corners)).fold(0.0, f64::max);
         let levels = self.rule.level(longest, least_width_m);
-        if levels > MOST_DIVISIONS {
+        if levels > MAX_DIVISIONS {
             return Err(DatasetError::OutOfRange {
                 what: "the width of touches in m",
                 value: least_width_m,

@@ -3,12 +3,12 @@
 use crate::dataset::DatasetError;
 use crate::twin::{CoatOptions, ElectrodeOptions, FORCES_N, PatchOptions, TIP_RADII_M, TouchOptions, TwinOptions};
 use dermis::design::TouchEffect;
-use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
+use dermis::files::{MAX_SETTINGS_BYTES, read_text_at_most};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// Maximum number of touches of a sample: more than the ten fingers of two hands are a typing error.
-pub const MOST_TOUCHES: usize = 16;
+pub const MAX_TOUCHES: usize = 16;
 
 /// All parameters of the samples, besides the design and its mesh.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -193,10 +193,10 @@ impl GaussianTouches {
 }
 
 fn check_count(most: usize) -> Result<(), DatasetError> {
-    if (1..=MOST_TOUCHES).contains(&most) {
+    if (1..=MAX_TOUCHES).contains(&most) {
         return Ok(());
     }
-    let must = format!("1 to {MOST_TOUCHES}");
+    let must = format!("1 to {MAX_TOUCHES}");
     Err(DatasetError::OutOfRange { what: "the most touches of a sample", value: most as f64, must })
 }
 
@@ -231,7 +231,7 @@ impl Recipe {
     /// A file that cannot be read or is not a recipe, with the line.
     pub fn load(path: &Path, seed: u64, samples: u64) -> Result<Self, DatasetError> {
         let io = |source| DatasetError::Io { path: path.to_path_buf(), source };
-        Self::parse(&read_text_at_most(path, MOST_SETTINGS_BYTES).map_err(io)?, path, seed, samples)
+        Self::parse(&read_text_at_most(path, MAX_SETTINGS_BYTES).map_err(io)?, path, seed, samples)
     }
 
     /// The same from the text of such a file; its path is for messages.

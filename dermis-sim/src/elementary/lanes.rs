@@ -47,7 +47,7 @@ const INTEGERS: u64 = 0x4330_0000_0000_0000;
 /// Added to a number of at most `2^51`, it rounds it to an integer, which is in the lowest bits.
 const ROUNDING: f64 = 6_755_399_441_055_744.0;
 /// Powers of two beyond this are clamped: they are at the end of what a number can be.
-const MOST_DOUBLINGS: f64 = 1000.0;
+const MAX_DOUBLINGS: f64 = 1000.0;
 
 /// `x^exponent` for positive numbers that are not subnormal; results beyond `2^1000` and below `2^-1000` are these. The
 /// relative error is at most `3e-16 (1 + |ln x^exponent|)`.
@@ -112,7 +112,7 @@ fn exp2_lanes(x: &Lanes) -> Lanes {
     ];
     let mut powers = [0.0; 8];
     for (power, x) in powers.iter_mut().zip(x) {
-        let x = x.clamp(-MOST_DOUBLINGS, MOST_DOUBLINGS);
+        let x = x.clamp(-MAX_DOUBLINGS, MAX_DOUBLINGS);
         let rounded = x + ROUNDING;
         let r = (x - (rounded - ROUNDING)) * LN_2;
         let mut sum = 1.0 / 6_227_020_800.0;
@@ -150,7 +150,7 @@ mod tests {
         for k in -400..400 {
             let x: Lanes = std::array::from_fn(|lane| 1.7 * f64::from(k) + 0.2 * lane as f64);
             for (power, x) in exp_lanes(&x).iter().zip(x) {
-                let exact = libm::exp(x.clamp(-MOST_DOUBLINGS * LN_2, MOST_DOUBLINGS * LN_2));
+                let exact = libm::exp(x.clamp(-MAX_DOUBLINGS * LN_2, MAX_DOUBLINGS * LN_2));
                 assert!((power / exact - 1.0).abs() < 3e-16 * (1.0 + x.abs()), "{x}: {power} {exact}");
             }
         }

@@ -19,7 +19,7 @@ mod presses;
 
 pub use objects::{Family, Objects};
 pub use paper::{FOUR_APART_M, PaperExperiment, Sets, Sizes};
-use presses::MOST_DRAWS;
+use presses::MAX_DRAWS;
 pub use presses::{PressSet, Presses};
 
 use crate::twin::{Press, Twin};

@@ -1,6 +1,6 @@
 //! Objects of other forms than a ball: families of touches for benchmarks.
 
-use super::{MOST_DRAWS, Presses, truth};
+use super::{MAX_DRAWS, Presses, truth};
 use crate::random::{log_uniform, uniform};
 use crate::twin::Press;
 use dermis::contact::Contact;
@@ -67,7 +67,7 @@ impl Presses<'_> {
     pub fn of_family(&self, family: Family, count: usize) -> Vec<Objects> {
         let frame = |number| {
             let mut rng = self.rng(FIRST_SET + family as u64, number);
-            (0..MOST_DRAWS).find_map(|_| self.objects(family, &mut rng))
+            (0..MAX_DRAWS).find_map(|_| self.objects(family, &mut rng))
         };
         (0..count as u64).filter_map(frame).collect()
     }

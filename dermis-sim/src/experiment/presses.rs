@@ -15,12 +15,12 @@ use std::f64::consts::TAU;
 /// the frames' noise.
 const STREAMS_PER_SET: u64 = 1 << 32;
 /// Maximum number of draws for a set of compatible positions.
-pub(super) const MOST_DRAWS: usize = 10_000;
+pub(super) const MAX_DRAWS: usize = 10_000;
 
 /// Step along a body known only by its mesh, m, and the least straight distance of two presses on it over their distance along
 /// the surface.
 const WALK_M: f64 = 1e-3;
-const LEAST_STRAIGHT: f64 = 0.8;
+const MIN_STRAIGHT: f64 = 0.8;
 
 /// Presses of one kind, a list for each frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -160,12 +160,12 @@ impl<'a> Presses<'a> {
     }
 
     fn pair(&self, separation_m: f64, rng: &mut impl Rng) -> Option<[Point3; 2]> {
-        (0..MOST_DRAWS).find_map(|_| {
+        (0..MAX_DRAWS).find_map(|_| {
             let first = self.place(rng);
             let second = self.walk(first, rng.random::<f64>() * TAU, separation_m)?;
             let reached_m = self.surface.distance_m(first, second);
             // A body known only by its mesh has straight distances.
-            let least_m = if self.tree.is_some() { LEAST_STRAIGHT } else { 1.0 - 1e-6 } * separation_m;
+            let least_m = if self.tree.is_some() { MIN_STRAIGHT } else { 1.0 - 1e-6 } * separation_m;
             (reached_m >= least_m).then_some([first, second])
         })
     }
@@ -207,7 +207,7 @@ impl<'a> Presses<'a> {
     }
 
     fn places_apart(&self, touches: usize, least_m: f64, rng: &mut impl Rng) -> Option<Vec<Point3>> {
-        (0..MOST_DRAWS).find_map(|_| {
+        (0..MAX_DRAWS).find_map(|_| {
             let places: Vec<Point3> = (0..touches).map(|_| self.place(rng)).collect();
             let is_apart =
                 |(i, a): (usize, &Point3)| places[..i].iter().all(|b| self.surface.distance_m(*a, *b) >= least_m);

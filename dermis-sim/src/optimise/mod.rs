@@ -59,7 +59,7 @@ use search::{Neighbourhood, Schedule, tour};
 /// Candidates over the whole body, and around a layout.
 const CANDIDATES: usize = 800;
 /// Largest factor by which the exact bound of a press corrects that of the fast model.
-const MOST_WEIGHT: f64 = 3.0;
+const MAX_WEIGHT: f64 = 3.0;
 /// Streams of random numbers of the refinement, apart from those of the starts.
 const REFINING: u64 = 1;
 
@@ -186,7 +186,7 @@ impl Layouts<'_> {
             for (weight, (place_m, model_m)) in weights.iter_mut().zip(&model) {
                 let exact_m =
                     next.1.places.iter().find(|(other, _)| other == place_m).map_or(*model_m, |place| place.1);
-                *weight = weight.max((exact_m / model_m).clamp(1.0, MOST_WEIGHT));
+                *weight = weight.max((exact_m / model_m).clamp(1.0, MAX_WEIGHT));
             }
             next = judged_exactly(self.near(best.0.index, &best.0.electrodes_m, &weights, &mut rng)?)?;
             if next.1.of(options.objective) < best.1.of(options.objective) {

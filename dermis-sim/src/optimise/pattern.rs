@@ -9,7 +9,7 @@ use dermis::protocol::Channel;
 use rayon::prelude::*;
 
 /// Fewest readings of a press: a value for each unknown, and a current.
-const LEAST_SLOTS: usize = UNKNOWNS + 1;
+const MIN_SLOTS: usize = UNKNOWNS + 1;
 
 /// Presses whose worth one thread sums.
 const PRESSES: usize = 32;
@@ -40,8 +40,8 @@ pub(super) fn select(
 ) -> Result<Vec<Channel>, OptimiseError> {
     let channels = readings.channels();
     let most = channels.len() + readings.drive_count;
-    if slots < LEAST_SLOTS {
-        return Err(OptimiseError::TooFewSlots { slots, least: LEAST_SLOTS });
+    if slots < MIN_SLOTS {
+        return Err(OptimiseError::TooFewSlots { slots, least: MIN_SLOTS });
     }
     if slots > most {
         return Err(OptimiseError::TooManySlots { slots, most });

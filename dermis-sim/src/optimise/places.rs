@@ -9,7 +9,7 @@ use dermis::protocol::Protocol;
 use std::collections::HashMap;
 
 /// Most nodes of a mesh whose nodes are places: far more than places that are tried.
-const MOST_NODES: f64 = 40_000.0;
+const MAX_NODES: f64 = 40_000.0;
 /// A disc that is not cut by an edge keeps this share of its radius from it: no mesh fits into a narrower strip.
 const STRIP: f64 = 0.25;
 /// Rounding error of a node on an edge, m.
@@ -62,7 +62,7 @@ impl Places {
         if distance_m <= size_m {
             return Err(OptimiseError::Overlap { distance_m, size_m }.into());
         }
-        let edge_m = (distance_m / 4.0).max((area_m2 / MOST_NODES).sqrt());
+        let edge_m = (distance_m / 4.0).max((area_m2 / MAX_NODES).sqrt());
         let centres: Vec<Point3> = design.electrodes.iter().map(|electrode| electrode.centre_m).collect();
         let mesh = Mesh::generate(&with_points(design, &centres, edge_m)?)?;
         let edge = Edge::of(&design.body, &mesh);

@@ -17,7 +17,7 @@ const SMALLEST_SHARE: f64 = 1e-4;
 const WHOLE: f64 = 1e-9;
 /// A function whose norm squared, after projection onto the complement of the others, is below this fraction is
 /// linearly dependent: rounding leaves 1e-16, and above this limit a second pass corrects the errors of the first.
-const LEAST_OWN: f64 = 1e-10;
+const MIN_OWN: f64 = 1e-10;
 /// Points along each side of a patch at which the pressure is evaluated. With the patches of `lab` on `cylinder30`, 8
 /// differ from 16 by 0.3 % of a press's change of the frame (0.7 % at worst), 5 by 0.7 % (1.9 %).
 const POINTS_PER_SIDE: usize = 8;
@@ -413,7 +413,7 @@ impl Basis {
                 let own = mean(k, k);
                 let rest = own - overlaps.iter().map(|o| o * o).sum::<f64>();
                 // On a sliver the functions are linearly dependent up to rounding: dependent ones are set to zero.
-                let factor = if rest > LEAST_OWN * own { 1.0 / rest.sqrt() } else { 0.0 };
+                let factor = if rest > MIN_OWN * own { 1.0 / rest.sqrt() } else { 0.0 };
                 combinations = self.combinations.take().unwrap_or_else(|| Matrix::zeros(count, count));
                 for column in 0..count {
                     let taken: f64 = overlaps.iter().enumerate().map(|(i, o)| o * combinations.at(i, column)).sum();

@@ -20,7 +20,7 @@ const POINTS_PER_LENGTH: f64 = 2.0;
 /// Correlation lengths beyond which the kernel is truncated: `exp(-3.3^2) = 2e-5`.
 const REACH_LENGTHS: f64 = 3.3;
 /// Maximum number of grid points: more mean a correlation length far below the cell size of any mesh.
-const MOST_POINTS: f64 = 2e7;
+const MAX_POINTS: f64 = 2e7;
 
 /// A Gaussian field of mean 0 and variance 1.
 #[derive(Debug, Clone)]
@@ -76,7 +76,7 @@ fn axes_over(surface: Surface, mesh: &Mesh, length_m: f64) -> Option<(Vec<Axis>,
         })
         .collect();
     let points = axes.iter().map(|axis| axis.count as f64).product::<f64>();
-    (points <= MOST_POINTS).then_some((axes, points as usize))
+    (points <= MAX_POINTS).then_some((axes, points as usize))
 }
 
 /// Precomputed noise weights for evaluating many fields at the same points.

@@ -6,7 +6,7 @@ use super::imperfections::{CoatOptions, DriftOptions, ElectrodeOptions, Temperat
 use super::{LayerOptions, PatchOptions, TwinError, shipped};
 use crate::elementary::powf;
 use dermis::design::{Body, DesignError, SkinDesign, TouchEffect};
-use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
+use dermis::files::{MAX_SETTINGS_BYTES, read_text_at_most};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -100,7 +100,7 @@ impl TwinOptions {
         if let (false, Some(twin)) = (Path::new(name_or_path).is_file(), Self::shipped(name_or_path)) {
             return Ok(twin);
         }
-        let text = read_text_at_most(Path::new(name_or_path), MOST_SETTINGS_BYTES).map_err(|error| {
+        let text = read_text_at_most(Path::new(name_or_path), MAX_SETTINGS_BYTES).map_err(|error| {
             let fix = match dermis::design::closest_name(name_or_path, shipped::NAMES.into_iter()) {
                 Some(name) => format!("did you mean `{name}`?"),
                 None => format!("give the path of a twin's file, or one of {}", shipped::NAMES.join(", ")),

@@ -20,7 +20,7 @@ use std::sync::Arc;
 pub const MOMENT_DEGREE: usize = 3;
 
 /// Contacts below this fraction of the sheet's conductance are ignored: their effect is below rounding.
-const LEAST_SHARE: f64 = 1e-12;
+const MIN_SHARE: f64 = 1e-12;
 
 /// A skin under a grid of patches and a layer of foam.
 ///
@@ -126,7 +126,7 @@ impl PatchedSkin {
             covers,
             at_rest,
             coat_s: mean,
-            least_s: LEAST_SHARE * mean,
+            least_s: MIN_SHARE * mean,
         })
     }
 

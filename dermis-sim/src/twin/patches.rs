@@ -11,7 +11,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Maximum number of rows or columns: larger numbers are probably typing errors.
-const MOST_LINES: usize = 1000;
+const MAX_LINES: usize = 1000;
 /// Relative tolerance for equal sizes: those in a file are rounded.
 const RELATIVE_ROUNDING: f64 = 1e-6;
 
@@ -53,8 +53,8 @@ impl PatchOptions {
     /// # Errors
     /// An invalid number, with its name, its value and a fix.
     pub fn check(&self) -> Result<(), TwinError> {
-        check_between("rows", self.rows as f64, [1.0, MOST_LINES as f64], "the paper's skin has about 30")?;
-        check_between("columns", self.columns as f64, [1.0, MOST_LINES as f64], "the paper's skin has about 30")?;
+        check_between("rows", self.rows as f64, [1.0, MAX_LINES as f64], "the paper's skin has about 30")?;
+        check_between("columns", self.columns as f64, [1.0, MAX_LINES as f64], "the paper's skin has about 30")?;
         check_between("gap_m", self.gap_m, [0.0, 1.0], "patches must not overlap; 0.001 is usual")?;
         for offset in self.offset_m {
             check_between("offset_m", offset, [-10.0, 10.0], "0 lays the first patch at the body's edge")?;

@@ -1,6 +1,6 @@
 //! Checks that a design can be built: sizes, positions, overlaps.
 
-use crate::design::layout::{MOST_ELECTRODES, name};
+use crate::design::layout::{MAX_ELECTRODES, name};
 use crate::design::resolve::Place;
 use crate::design::{Body, Electrode, ElectrodeShape, ImageLayout, RegionPlace, SkinDesign};
 use crate::geom::Edge;
@@ -34,10 +34,10 @@ const SMALLEST_ELECTRODE_M: f64 = 1e-5;
 const SHORTEST_EDGE_M: f64 = 1e-6;
 
 /// Maximum number of pixels of an image: a thousand times that of the paper.
-const MOST_PIXELS: usize = 1_000_000;
+const MAX_PIXELS: usize = 1_000_000;
 
 /// Maximum number of cells of a mesh.
-const MOST_CELLS: f64 = 1e7;
+const MAX_CELLS: f64 = 1e7;
 
 /// Distance from an edge, relative to the body, that counts as rounding error.
 const ROUNDING: f64 = 1e-9;
@@ -47,8 +47,8 @@ pub(super) fn check(design: &SkinDesign) -> Result<(), Problem> {
     body(&design.body)?;
     sheet(design)?;
     let count = design.electrodes.len();
-    if !(4..=MOST_ELECTRODES).contains(&count) {
-        return Err(problem(Place::Electrodes, format!("{count} electrodes, but a skin has 4 to {MOST_ELECTRODES}")));
+    if !(4..=MAX_ELECTRODES).contains(&count) {
+        return Err(problem(Place::Electrodes, format!("{count} electrodes, but a skin has 4 to {MAX_ELECTRODES}")));
     }
     for (index, one) in design.electrodes.iter().enumerate() {
         electrode(&design.body, index, one)?;
@@ -264,8 +264,8 @@ fn image(design: &SkinDesign) -> Result<(), Problem> {
         let message = "a mesh file has no grid of pixels";
         return Err(problem(Place::Image, message).fix("write `image = \"cells\"` above the first table"));
     }
-    if rows == 0 || columns == 0 || rows.saturating_mul(columns) > MOST_PIXELS {
-        let message = format!("an image of {rows} x {columns} pixels: it has 1 to {MOST_PIXELS}");
+    if rows == 0 || columns == 0 || rows.saturating_mul(columns) > MAX_PIXELS {
+        let message = format!("an image of {rows} x {columns} pixels: it has 1 to {MAX_PIXELS}");
         return Err(problem(Place::Image, message));
     }
     if matches!(design.body, Body::Disk { .. }) && rows != columns {
@@ -301,8 +301,8 @@ fn mesh(design: &SkinDesign) -> Result<(), Problem> {
         }
     }
     let cells = cell_estimate(design);
-    if cells > MOST_CELLS {
-        let message = format!("a mesh this fine would have about {cells:.0e} cells, more than {MOST_CELLS:.0e}");
+    if cells > MAX_CELLS {
+        let message = format!("a mesh this fine would have about {cells:.0e} cells, more than {MAX_CELLS:.0e}");
         return Err(problem(Place::Mesh, message).fix("lengths are in metres; make the edges longer"));
     }
     Ok(())

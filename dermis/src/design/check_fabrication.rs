@@ -12,9 +12,9 @@ const LARGEST_M: f64 = 1.0;
 /// Smallest wall, bore, channel and pitch, m: no printer makes a thinner wall, no cutter a smaller patch.
 const SMALLEST_M: f64 = 2e-4;
 /// Inputs on a line: as many as a scan table can name.
-const MOST_INPUTS: usize = 0xFFFF;
+const MAX_INPUTS: usize = 0xFFFF;
 /// Maximum number of patches: a thousand times those of the paper's skin.
-const MOST_PATCHES: f64 = 1e6;
+const MAX_PATCHES: f64 = 1e6;
 /// Largest spread of resistances: three of it are less than the resistance itself.
 const LARGEST_SPREAD: f64 = 0.33;
 
@@ -76,7 +76,7 @@ fn wall(body: &Body, options: &FabricationOptions) -> Result<(), Problem> {
             format!("the wall ({} mm) is thinner than a bore ({} mm)", millimetres(wall_m), millimetres(bore_m));
         return Err(wrong("wall_m", message).fix("a pin then stands askew: make the wall thicker or the bores smaller"));
     }
-    let least_m = FabricationOptions::LEAST_LAND_M;
+    let least_m = FabricationOptions::MIN_LAND_M;
     if channel_depth_m > 0.0 && wall_m - channel_depth_m < least_m {
         let message = format!(
             "channels {} mm deep leave {} mm of the wall",
@@ -122,7 +122,7 @@ fn flange(body: &Body, options: &FabricationOptions) -> Result<(), Problem> {
 fn bores(design: &SkinDesign, options: &FabricationOptions) -> Result<(), Problem> {
     let Some(bores) = design.bores() else { return Ok(()) };
     let Some((i, j, land_m)) = closest_bores(&bores, options) else { return Ok(()) };
-    match land_m < FabricationOptions::LEAST_LAND_M {
+    match land_m < FabricationOptions::MIN_LAND_M {
         true => {
             Err(wrong("bore_m", bores_meet(i, j, land_m)).fix("make the bores smaller or move the electrodes apart"))
         }
@@ -138,7 +138,7 @@ pub fn bores_meet(i: usize, j: usize, land_m: f64) -> String {
     format!(
         "the bores of electrodes {i} and {j} nearly meet: {} mm are left between them, and the least is {} mm",
         millimetres(land_m),
-        millimetres(FabricationOptions::LEAST_LAND_M)
+        millimetres(FabricationOptions::MIN_LAND_M)
     )
 }
 
@@ -165,8 +165,8 @@ fn multiplexers(design: &SkinDesign, options: &FabricationOptions) -> Result<(),
             None if place == MultiplexerInput::REFERENCE => {
                 format!("electrode {electrode} is on input {number}, which the reference resistor takes")
             }
-            None if number >= most.min(MOST_INPUTS) => {
-                format!("electrode {electrode} is on input {number}, but the last is {}", most.min(MOST_INPUTS) - 1)
+            None if number >= most.min(MAX_INPUTS) => {
+                format!("electrode {electrode} is on input {number}, but the last is {}", most.min(MAX_INPUTS) - 1)
             }
             None => continue,
         };
@@ -204,8 +204,8 @@ fn patches(body: &Body, options: &FabricationOptions) -> Result<(), Problem> {
         return Err(wrong("patch_pitch_m", message).fix("make the pitch smaller"));
     }
     let count = sides_m.iter().map(|side_m| (side_m / patch_pitch_m).round()).product::<f64>();
-    if count > MOST_PATCHES {
-        let message = format!("{count:.0} patches are too many: a skin has at most {MOST_PATCHES:.0}");
+    if count > MAX_PATCHES {
+        let message = format!("{count:.0} patches are too many: a skin has at most {MAX_PATCHES:.0}");
         return Err(wrong("patch_pitch_m", message).fix("make the pitch larger"));
     }
     Ok(())

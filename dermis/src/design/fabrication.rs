@@ -76,11 +76,11 @@ impl Default for FabricationOptions {
 impl FabricationOptions {
     /// Least distance of a bore from an edge of the base and from its neighbours, m: two lines of the common nozzle of
     /// 0.4 mm, rounded up.
-    pub const LEAST_LAND_M: f64 = 0.001;
+    pub const MIN_LAND_M: f64 = 0.001;
 
     /// Distance from the edge of the base that the centre of a bore needs, m.
     pub fn edge_m(&self) -> f64 {
-        0.5 * self.bore_m + Self::LEAST_LAND_M
+        0.5 * self.bore_m + Self::MIN_LAND_M
     }
 
     /// Rows or columns of patches along a length, and their pitch, m.

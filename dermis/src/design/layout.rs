@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 use std::ops::Range;
 
 /// Maximum number of electrodes of a skin: the adjacent protocol then has a million values.
-pub const MOST_ELECTRODES: usize = 1024;
+pub const MAX_ELECTRODES: usize = 1024;
 
 type Places = Vec<(Point3, ElectrodeShape)>;
 
@@ -116,8 +116,8 @@ fn count_fits(source: &Source<'_>, span: &Range<usize>, layout: &LayoutTable) ->
     };
     let wrong = if count < 4 {
         format!("{count} electrodes are too few: a skin needs at least 4")
-    } else if count > MOST_ELECTRODES {
-        format!("{count} electrodes are too many: a skin has at most {MOST_ELECTRODES}")
+    } else if count > MAX_ELECTRODES {
+        format!("{count} electrodes are too many: a skin has at most {MAX_ELECTRODES}")
     } else {
         return Ok(());
     };

@@ -16,7 +16,7 @@ pub use check_fabrication::bores_meet;
 pub use error::DesignError;
 pub use error::{closest_name, explain_toml_error};
 pub use fabrication::{FabricationOptions, closest_bores};
-pub use layout::MOST_ELECTRODES;
+pub use layout::MAX_ELECTRODES;
 pub use shipped::FOREARM_STL;
 
 use crate::contact::ConductanceChange;

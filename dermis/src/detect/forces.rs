@@ -17,7 +17,7 @@ pub struct Forces {
 }
 
 /// Minimum number of presses for a calibration.
-const LEAST_PRESSES: usize = 30;
+const MIN_PRESSES: usize = 30;
 /// The fraction of a Gaussian within one standard deviation.
 const WITHIN_ONE: f64 = 0.682_689_492;
 
@@ -30,7 +30,7 @@ impl Forces {
     pub fn fit(presses: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
         let known: Vec<(f64, f64)> = presses.filter(|(_, ratio)| ratio.is_finite() && *ratio > 0.0).collect();
         let ratios: Vec<f64> = known.iter().map(|(_, ratio)| *ratio).collect();
-        if ratios.len() < LEAST_PRESSES {
+        if ratios.len() < MIN_PRESSES {
             return None;
         }
         let newtons_per_strength = upper_median(&ratios)?;

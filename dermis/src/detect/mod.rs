@@ -113,7 +113,7 @@ const BLUR_ERROR: f64 = 0.1;
 
 /// The depth of a side lobe over the height of its touch, at most. Of NOSER: 0.11 to 0.38 in 240 presses on `cylinder30`
 /// with objects of many shapes, 0.2 for metal in a tank; 0.62 to 1.01 for metal with plastic.
-const MOST_SIDE_LOBE: f64 = 0.5;
+const MAX_SIDE_LOBE: f64 = 0.5;
 
 /// The confidence of a certain contact where the noise is not known.
 const DOUBT: f64 = 0.5;
@@ -237,7 +237,7 @@ impl Detector {
         let sd = self.sd(image);
         let highest = image.values.iter().copied().fold(0.0, f64::max);
         let is_other = |(pixel, value): (usize, &f64)| {
-            -value > (MOST_SIDE_LOBE * highest).max(self.options.noise_factor * sd(pixel))
+            -value > (MAX_SIDE_LOBE * highest).max(self.options.noise_factor * sd(pixel))
         };
         image.values.iter().enumerate().any(is_other)
     }

@@ -31,14 +31,14 @@ const FAR: f64 = 5.3;
 /// A spot that has moved this many widths from where it was found gets a new set of pixels.
 const ASTRAY: f64 = 1.0;
 /// Maximum number of touches.
-const MOST: usize = 16;
+const MAX: usize = 16;
 
 /// The spots of an image, until the maximum of the residual of its square root is at most `least`, a function of the
 /// pixel and the height of the first spot.
 pub(super) fn spots(image: &Image, width_m: f64, least: impl Fn(usize, f64) -> f64) -> Vec<Spot> {
     let root = |value: &f64| if value.is_finite() { value.signum() * value.abs().sqrt() } else { 0.0 };
     let mut search = Search { image, width_m, left: image.values.iter().map(root).collect(), fits: Vec::new() };
-    while search.fits.len() < MOST {
+    while search.fits.len() < MAX {
         let pixels = search.left.iter().enumerate();
         let Some((pixel, &height)) = pixels.max_by(|a, b| a.1.total_cmp(b.1)) else { break };
         let first = search.fits.first().map_or(height, |fit| fit.height);

@@ -65,20 +65,20 @@ pub struct Factor {
 }
 
 /// Minimum number of contacts for a factor: the 95th percentile of 300 is known to about 5 %.
-const LEAST_CONTACTS: usize = 300;
+const MIN_CONTACTS: usize = 300;
 /// Maximum number of points of a factor.
-const MOST_STEPS: usize = 8;
+const MAX_STEPS: usize = 8;
 /// Number of passes in which each factor is fitted with the others fixed.
 const SWEEPS: usize = 6;
 /// Upper limit of the signal, for images without noise.
-const MOST_SIGNAL: f64 = 1e9;
+const MAX_SIGNAL: f64 = 1e9;
 /// Upper limit of the distance to the next contact, m: larger distances have no effect.
 const FARTHEST_NEXT_M: f64 = 0.15;
 
 impl Circumstances {
     /// Signal, radius and distance, each limited to its range.
     fn values(&self) -> [f64; 3] {
-        [self.signal.min(MOST_SIGNAL), self.radius_m, self.next_m.min(FARTHEST_NEXT_M)]
+        [self.signal.min(MAX_SIGNAL), self.radius_m, self.next_m.min(FARTHEST_NEXT_M)]
     }
 }
 
@@ -152,14 +152,14 @@ impl Factor {
     /// From numbers and the errors there in standard deviations.
     fn fit(mut pairs: Vec<(f64, f64)>) -> Factor {
         pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let steps = (pairs.len() / LEAST_CONTACTS).clamp(1, MOST_STEPS);
+        let steps = (pairs.len() / MIN_CONTACTS).clamp(1, MAX_STEPS);
         let (mut at, mut times) = (Vec::new(), Vec::new());
         let mut first = 0;
         for step in 1..=steps {
             // Equal numbers stay in one bin.
             let end = pairs.len() * step / steps;
             let last = end + same_as_before(&pairs, end);
-            if last < first + LEAST_CONTACTS.min(pairs.len()) {
+            if last < first + MIN_CONTACTS.min(pairs.len()) {
                 continue;
             }
             let step = &pairs[first..last];
@@ -179,7 +179,7 @@ fn same_as_before(pairs: &[(f64, f64)], place: usize) -> usize {
 /// The standard deviation of the two-dimensional Gaussian whose 95 % region contains 95 % of some distances; `None` if
 /// there are too few.
 fn region_sd(distances: Vec<f64>) -> Option<f64> {
-    if distances.len() < LEAST_CONTACTS {
+    if distances.len() < MIN_CONTACTS {
         return None;
     }
     let rank = (0.95 * distances.len() as f64) as usize;
@@ -195,7 +195,7 @@ pub fn blur_share(contacts: &[Misplacement]) -> Option<f64> {
         ((contact.error_m / REGION_95_SD).powi(2) - noise_m * noise_m).max(0.0).sqrt() / radius_m
     };
     let shares: Vec<f64> = contacts.iter().filter(|contact| !contact.is_shared).map(share).collect();
-    if shares.len() < LEAST_CONTACTS {
+    if shares.len() < MIN_CONTACTS {
         return None;
     }
     let rank = (0.95 * shares.len() as f64) as usize;

@@ -6,14 +6,14 @@ use crate::stats::rms;
 use std::borrow::Cow;
 
 /// Fewer pairs do not tell noise from chance.
-const FEWEST_PAIRS: usize = 8;
+const MIN_PAIRS: usize = 8;
 /// The excess counts beyond this many standard deviations of what noise alone gives.
 const CHANCE_SD: f64 = 5.0;
 /// Two channels contradict each other beyond this many standard deviations of their difference, as in the checks of a live
 /// instrument.
 const SPIKE_SD: f64 = 8.0;
 /// With more contradictions than this part of the pairs it is not single channels that are wrong.
-const MOST_SPIKES: f64 = 0.1;
+const MAX_SPIKES: f64 = 0.1;
 
 /// What the reciprocal channels of a frame say about its noise.
 ///
@@ -58,7 +58,7 @@ impl Contradiction {
             apart * weight.sqrt() > SPIKE_SD && apart > half_rms.max(0.5 * larger)
         };
         let count = known().filter(contradicts).count();
-        if count == 0 || count as f64 > MOST_SPIKES * known().count() as f64 {
+        if count == 0 || count as f64 > MAX_SPIKES * known().count() as f64 {
             return Cow::Borrowed(difference);
         }
         let mut repaired = difference.to_vec();
@@ -82,7 +82,7 @@ impl Contradiction {
             weight * (difference[own] - sign * difference[other]).powi(2)
         };
         let (count, sum) = known.map(square).fold((0, 0.0), |(count, sum), square| (count + 1, sum + square));
-        if count < FEWEST_PAIRS {
+        if count < MIN_PAIRS {
             return 1.0;
         }
         // The mean of so many squares of unit variance has this deviation.

@@ -11,7 +11,7 @@ const FLOOR: f64 = 0.5;
 /// Standard deviation where nothing tells it, over the root mean square of the values: 60 dB.
 const ASSUMED: f64 = 1e-3;
 /// With fewer frames a touched one cannot be told from the others.
-const FEWEST_FOR_WEIGHTS: usize = 4;
+const MIN_FOR_WEIGHTS: usize = 4;
 /// Weights are computed this many times; after that they change by less than 1 %.
 const PASSES: usize = 4;
 /// Mean square deviation of a frame, over the median of all frames, from which on it counts less: three deviations of a noise
@@ -274,7 +274,7 @@ struct Moments {
 fn moments(frames: &[&[f64]], finite: &[bool]) -> Moments {
     let count = frames.len() as f64;
     let mut weights = vec![1.0; frames.len()];
-    if frames.len() >= FEWEST_FOR_WEIGHTS {
+    if frames.len() >= MIN_FOR_WEIGHTS {
         let (mut middle, mut variance) = medians(frames);
         for _ in 0..PASSES {
             weights = self::weights(frames, finite, &middle, &variance);

@@ -61,7 +61,7 @@ const UNREAD_SD: f64 = 0.05;
 
 /// Minimum correlation of the frames with the model of the design, over the channels without a driven electrode, which
 /// hardly depend on the contacts. Frames with the opposite sign or in another order have less.
-const LEAST_CORRELATION: f64 = 0.7;
+const MIN_CORRELATION: f64 = 0.7;
 
 /// The contact impedances to fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -266,7 +266,7 @@ fn quantities(model: &Model<'_>, estimate: &Estimate, determinations: &[Determin
 fn factor(measured: &[f64], model: &[f64], channels: &[usize]) -> Result<f64, FitError> {
     let used = |values: &[f64]| channels.iter().map(|&channel| values[channel]).collect::<Vec<f64>>();
     let Scale { factor, correlation } = least_squares(&used(measured), &used(model));
-    if correlation < LEAST_CORRELATION { Err(FitError::Unlike { correlation }) } else { Ok(factor) }
+    if correlation < MIN_CORRELATION { Err(FitError::Unlike { correlation }) } else { Ok(factor) }
 }
 
 /// Refuses frames that do not fit the protocol.

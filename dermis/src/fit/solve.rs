@@ -15,10 +15,10 @@ const STEPS: Steps = Steps { most: 25, control: Control::Halving(10), shortest: 
 /// Longest step of a logarithm.
 const LONGEST_STEP: f64 = 2.0;
 /// Maximum number of estimates of the variances, and the relative change that ends them.
-const MOST_VARIANCES: usize = 12;
+const MAX_VARIANCES: usize = 12;
 const VARIANCE_CHANGE: f64 = 0.01;
 /// Fewer channels give no scale of their own.
-const LEAST_GROUP: usize = 3;
+const MIN_GROUP: usize = 3;
 
 /// The mean of the frames, and what is known of its channels.
 pub(super) struct Data {
@@ -117,7 +117,7 @@ impl Data {
 
     /// The logarithm of the factor from a frame of the model to the data, by least squares.
     fn log_scale(&self, frame: &[f64]) -> Result<f64, FitError> {
-        let channels = if self.groups[0].len() >= LEAST_GROUP { &self.groups[0] } else { &self.channels };
+        let channels = if self.groups[0].len() >= MIN_GROUP { &self.groups[0] } else { &self.channels };
         Ok(factor(&self.values, frame, channels)?.ln())
     }
 
@@ -225,7 +225,7 @@ impl Search {
         let mut point = Point::new(model, data, start.to_vec())?;
         let mut variances = data.model_variances(&point.residuals, counts);
         let mut derivatives = Matrix::zeros(0, 0);
-        for _ in 0..MOST_VARIANCES {
+        for _ in 0..MAX_VARIANCES {
             let weights = data.weights(variances);
             point = minimise(&Weighted { search: self, model, data, weights: &weights }, point, &STEPS)?.point;
             derivatives = model.derivatives(&point.unknowns)?;

@@ -26,7 +26,7 @@ const REACH_RADII: f64 = 4.0;
 /// Its limit as a fraction of the distance to the next electrode, which the exact solution does not include.
 const REACH_SHARE: f64 = 0.45;
 /// Below this many radii the near field is too small, and no correction is made.
-const LEAST_RADII: f64 = 1.5;
+const MIN_RADII: f64 = 1.5;
 /// Relative tolerance of the patch area for a whole or half disc.
 const AREA_TOLERANCE: f64 = 0.03;
 
@@ -85,7 +85,7 @@ pub(super) fn series_resistances(
 impl NearField<'_> {
     /// The conductance around the electrode and its fraction of a full circle, if the exact solution applies.
     fn is_known(&self, body: &Body, rest_conductivity: &[f64]) -> Option<(f64, f64)> {
-        if self.reach_m < LEAST_RADII * self.radius_m || matches!(self.surface, Surface::Free) {
+        if self.reach_m < MIN_RADII * self.radius_m || matches!(self.surface, Surface::Free) {
             return None;
         }
         let cells = self.cells();

@@ -1,7 +1,7 @@
 //! Numbers as comma-separated text.
 
 use crate::frame::TableError;
-use crate::frame::table::MOST_VALUES;
+use crate::frame::table::MAX_VALUES;
 use std::io::Write;
 use std::path::Path;
 
@@ -40,21 +40,21 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<
 /// Memory of a row besides its values, in values.
 const ROW_VALUES: usize = 8;
 /// Most columns of a table: a value for each cell of the largest mesh.
-const MOST_COLUMNS: usize = 10_000_000;
+const MAX_COLUMNS: usize = 10_000_000;
 
 /// Refuses a text whose numbers would take too much memory, before any is read.
 fn check_size(text: &str, separator: char) -> Result<(), String> {
     let mut values = 0;
     for line in text.lines() {
         let columns = 1 + line.bytes().filter(|&byte| byte == separator as u8).count();
-        if columns > MOST_COLUMNS {
-            return Err(format!("a line has {columns} values: at most {MOST_COLUMNS} are read"));
+        if columns > MAX_COLUMNS {
+            return Err(format!("a line has {columns} values: at most {MAX_COLUMNS} are read"));
         }
         values += columns + ROW_VALUES;
     }
-    if values > MOST_VALUES {
+    if values > MAX_VALUES {
         return Err(format!(
-            "the table has too many values: at most {MOST_VALUES} are read, and a row counts as {ROW_VALUES}"
+            "the table has too many values: at most {MAX_VALUES} are read, and a row counts as {ROW_VALUES}"
         ));
     }
     Ok(())
@@ -138,8 +138,8 @@ fn number(field: &str, separator: char) -> Option<f64> {
 
 /// The beginning of a text, for a message.
 fn shortened(text: &str) -> String {
-    const MOST: usize = 30;
-    match text.char_indices().nth(MOST) {
+    const MAX: usize = 30;
+    match text.char_indices().nth(MAX) {
         Some((end, _)) => format!("{}...", &text[..end]),
         None => text.to_string(),
     }

@@ -1,6 +1,6 @@
 //! NumPy's NPY files: <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>.
 
-use crate::frame::table::MOST_VALUES;
+use crate::frame::table::MAX_VALUES;
 use std::io::Write;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
@@ -40,9 +40,9 @@ pub(super) fn read_npy(bytes: &[u8]) -> Result<Array, String> {
     let (kind, fortran, shape) = parse_header(header)?;
     let count = shape.iter().try_fold(1_usize, |count, &side| count.checked_mul(side));
     let byte_count = rest.len() - length;
-    let is_large = |count: usize| count > MOST_VALUES || byte_count > size_of::<f64>().saturating_mul(count);
-    if byte_count > MOST_VALUES && count.is_none_or(is_large) {
-        return Err(format!("{byte_count} bytes of the shape {shape:?}: at most {MOST_VALUES} values are read"));
+    let is_large = |count: usize| count > MAX_VALUES || byte_count > size_of::<f64>().saturating_mul(count);
+    if byte_count > MAX_VALUES && count.is_none_or(is_large) {
+        return Err(format!("{byte_count} bytes of the shape {shape:?}: at most {MAX_VALUES} values are read"));
     }
     let values = decode(&rest[length..], &kind)?;
     if count != Some(values.len()) {

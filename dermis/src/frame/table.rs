@@ -127,7 +127,7 @@ pub fn read_array(path: &Path, array: &str) -> Result<(Vec<usize>, Vec<f64>), Ta
 /// Largest file of a table, also where it is compressed, bytes.
 pub(super) const LARGEST_FILE: u64 = 256 << 20;
 /// Most values of a table: as numbers they have as many bytes as the largest file.
-pub(super) const MOST_VALUES: usize = LARGEST_FILE as usize / size_of::<f64>();
+pub(super) const MAX_VALUES: usize = LARGEST_FILE as usize / size_of::<f64>();
 
 fn contents(path: &Path) -> Result<Vec<u8>, TableError> {
     read_at_most(path, LARGEST_FILE).map_err(|source| TableError::Io { path: path.to_path_buf(), source })

@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// More touches of a frame are a mistake: electrodes are at most 1,024, and no skin tells as many touches apart. The time to
 /// simulate them and to match them with contacts stays below seconds.
-const MOST_TOUCHES: usize = 1_000;
+const MAX_TOUCHES: usize = 1_000;
 
 /// Ground truth of touches.
 #[derive(Debug, Clone, PartialEq)]
@@ -203,8 +203,8 @@ fn on_skin(
             .map_err(|message| cell(columns.frame.map(|column| column + 1), message))?;
         let touch = columns.touch(values, limits).map_err(|message| cell(None, message))?;
         let frame_touches: &mut Vec<Contact> = &mut touches[frame];
-        if frame_touches.len() == MOST_TOUCHES {
-            let message = format!("frame {frame} has more than {MOST_TOUCHES} touches, the most that a frame can have");
+        if frame_touches.len() == MAX_TOUCHES {
+            let message = format!("frame {frame} has more than {MAX_TOUCHES} touches, the most that a frame can have");
             return Err(cell(columns.frame.map(|column| column + 1), message));
         }
         let id = frame_touches.len() as u64;

@@ -9,7 +9,7 @@ use crate::mesh::Mesh;
 /// interpolated to better than 1 % of the variance, below the errors of the identification.
 const SPACING: f64 = 0.5;
 /// Maximum number of points: more make the equations slow and add detail that no frame resolves.
-const MOST_POINTS: usize = 300;
+const MAX_POINTS: usize = 300;
 /// Added to the variances of the points, so that their covariance stays positive definite.
 const JITTER: f64 = 1e-4;
 
@@ -23,7 +23,7 @@ pub(super) fn basis(mesh: &Mesh, length_m: f64) -> Result<Matrix, NotPositiveDef
     let centres: Vec<Point3> = (0..mesh.cell_count()).map(|cell| mesh.cell_centre(cell)).collect();
     let mut spacing_m = SPACING * length_m;
     let mut points = spread(&centres, spacing_m);
-    while points.len() > MOST_POINTS {
+    while points.len() > MAX_POINTS {
         spacing_m *= 1.2;
         points = spread(&centres, spacing_m);
     }

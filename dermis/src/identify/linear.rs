@@ -1,6 +1,6 @@
 //! The untouched frame as a function of the unknowns, for other inferences than [`Identifier::identify`].
 
-use super::{Data, Identifier, MOST_SD, Value};
+use super::{Data, Identifier, MAX_SD, Value};
 use crate::forward::{ForwardError, ForwardModel};
 use crate::linalg::Matrix;
 
@@ -32,7 +32,7 @@ impl Identifier {
         assert_eq!(x.len(), self.unknown_count(), "a value for each unknown");
         let mut state = self.unknowns(x);
         for (by, displacement) in state.displaced.iter_mut().zip(&self.displacements) {
-            *by = by.clamp(-MOST_SD * displacement.sd, MOST_SD * displacement.sd);
+            *by = by.clamp(-MAX_SD * displacement.sd, MAX_SD * displacement.sd);
         }
         self.model_at(&state)
     }

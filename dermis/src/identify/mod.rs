@@ -119,7 +119,7 @@ pub enum IdentifyError {
 /// noise on most skins with 20 % of unevenness.
 const STEPS: Steps = Steps { most: 12, control: Control::Halving(6), shortest: 0.0, least_decrease: 1e-3 };
 /// Longest displacement, in standard deviations of its prior, so that cells stay valid.
-const MOST_SD: f64 = 5.0;
+const MAX_SD: f64 = 5.0;
 
 /// A skin as it was made.
 #[derive(Debug, Clone)]
@@ -335,7 +335,7 @@ impl LeastSquares for Search<'_> {
     fn limit(&self, from: &Candidate, step: &mut [f64]) {
         let first = step.len() - self.identifier.displacements.len();
         for (part, from) in step.iter_mut().zip(&from.x).skip(first) {
-            *part = (from + *part).clamp(-MOST_SD, MOST_SD) - from;
+            *part = (from + *part).clamp(-MAX_SD, MAX_SD) - from;
         }
     }
 

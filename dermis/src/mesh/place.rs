@@ -8,13 +8,13 @@ use crate::geom::{TriangleTree, vector::triangle_area};
 
 /// A centre may be off the surface by this distance, or by its electrode's radius if that is larger: points are often
 /// copied by hand, to about a tenth of a millimetre.
-const LEAST_REACH_M: f64 = 1e-3;
+const MIN_REACH_M: f64 = 1e-3;
 
 /// Minimum number of edges per radius of an outline; with two, a disc is a dodecagon with 4.5 % less area.
-const LEAST_EDGES_PER_RADIUS: f64 = 2.0;
+const MIN_EDGES_PER_RADIUS: f64 = 2.0;
 
 /// Maximum number of triangles of a remeshed surface, the same as for the mesh of a design.
-const MOST_TRIANGLES: usize = 2_000_000;
+const MAX_TRIANGLES: usize = 2_000_000;
 
 /// Iterations of remeshing before the electrodes are cut out, and after. According to Botsch and Kobbelt 5 to 10 are
 /// enough.
@@ -40,7 +40,7 @@ pub(super) fn electrodes(surface: &Mesh, electrodes: &[Electrode], options: Mesh
         Curve::Crease => point,
         Curve::Outline(electrode) => onto_outline(&tree, &spots[electrode], point),
     };
-    let target = Target { surface: &tree, size: &size, onto_curve: &onto_curve, most_triangles: MOST_TRIANGLES };
+    let target = Target { surface: &tree, size: &size, onto_curve: &onto_curve, most_triangles: MAX_TRIANGLES };
     sizes.check()?;
     let mut editor = MeshEditor::new(surface.nodes.clone(), triangles.clone());
     remesh::find_creases(&mut editor);
@@ -77,7 +77,7 @@ fn refine(editor: &mut MeshEditor, target: &Target<'_>) -> Result<(), MeshError>
 
 fn too_fine() -> MeshError {
     MeshError::Generate(format!(
-        "a mesh this fine would have more than {MOST_TRIANGLES} triangles: make `max_edge_m` and `electrode_edge_m` \
+        "a mesh this fine would have more than {MAX_TRIANGLES} triangles: make `max_edge_m` and `electrode_edge_m` \
          larger, or check the body's `unit_m`"
     ))
 }
@@ -104,7 +104,7 @@ fn spots(tree: &TriangleTree, electrodes: &[Electrode]) -> Result<Vec<Spot>, Mes
             }
         };
         let nearest = tree.nearest(electrode.centre_m);
-        let reach_m = radius_m.unwrap_or(0.0).max(LEAST_REACH_M);
+        let reach_m = radius_m.unwrap_or(0.0).max(MIN_REACH_M);
         // A centre that is not a number has infinite distance.
         if nearest.distance_m > reach_m {
             let message = format!(
@@ -153,7 +153,7 @@ impl<'a> Sizes<'a> {
         let longest_m = if options.max_edge_m.is_finite() { options.max_edge_m } else { area_m2.sqrt() / 50.0 };
         let asked_m = options.electrode_edge_m.min(longest_m);
         let outline_m = spots.iter().map(|spot| match spot.radius_m {
-            Some(radius_m) => asked_m.min(radius_m / LEAST_EDGES_PER_RADIUS),
+            Some(radius_m) => asked_m.min(radius_m / MIN_EDGES_PER_RADIUS),
             None => asked_m.min(longest_m / 4.0),
         });
         Sizes { area_m2, spots, longest_m, outline_m: outline_m.collect(), growth: options.growth }
@@ -172,7 +172,7 @@ impl<'a> Sizes<'a> {
             return Err(MeshError::Generate(format!("growth is {}: it must not be negative", self.growth)));
         }
         let triangle_m2 = 3f64.sqrt() / 4.0 * self.longest_m * self.longest_m;
-        if self.area_m2 / triangle_m2 > MOST_TRIANGLES as f64 { Err(too_fine()) } else { Ok(()) }
+        if self.area_m2 / triangle_m2 > MAX_TRIANGLES as f64 { Err(too_fine()) } else { Ok(()) }
     }
 
     fn at(&self, point: Point3) -> f64 {

@@ -16,11 +16,11 @@ const DRIFT: f64 = 0.9;
 /// likeliest touch leave, of which so many are used.
 const LEFT: f64 = 0.25;
 const NEAR: f64 = 0.6;
-const MOST_NEAR: usize = 40;
+const MAX_NEAR: usize = 40;
 /// Damping of the fits, relative.
 const RIDGE: f64 = 1e-6;
 /// Places at which touches are tried, at most.
-const MOST_PLACES: usize = 1000;
+const MAX_PLACES: usize = 1000;
 
 /// What explains a difference best.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,7 +70,7 @@ pub(super) fn cause(
         let distance_m = |pixel: usize| pixels.surface.distance_m(pixels.centres_m[pixel], pixels.centres_m[place]);
         let is_near = |pixel: &usize| distance_m(*pixel) <= NEAR * spacing_m;
         let near: Vec<usize> = (0..pixels.len()).filter(is_near).collect();
-        let near: Vec<usize> = near.iter().copied().step_by(near.len().div_ceil(MOST_NEAR).max(1)).collect();
+        let near: Vec<usize> = near.iter().copied().step_by(near.len().div_ceil(MAX_NEAR).max(1)).collect();
         let (by_near, _) = explained(&|index, channel| jacobian.at(channel, near[index]), near.len());
         if all - by_drift < LEFT * (all - by_near) {
             let mut drift = vec![0.0; difference.len()];
@@ -90,7 +90,7 @@ pub(super) fn cause(
 fn touches(skin: &Skin, used: &[usize], values: &[f64], sd_ohm: &[f64]) -> crate::Result<[(f64, usize); 2]> {
     let jacobian = &skin.linearised()?.jacobian;
     let sign = skin.design().sheet.touch.sign();
-    let places: Vec<usize> = (0..jacobian.columns).step_by(jacobian.columns.div_ceil(MOST_PLACES)).collect();
+    let places: Vec<usize> = (0..jacobian.columns).step_by(jacobian.columns.div_ceil(MAX_PLACES)).collect();
     let (mut products, mut squares) = (vec![0.0; places.len()], vec![0.0; places.len()]);
     for (&channel, value) in used.iter().zip(values) {
         let row = jacobian.row(channel);

@@ -7,9 +7,9 @@ use crate::stats::{rms, upper_median};
 /// Presses shift the values more alike than pixels of the linear model do, by up to this factor.
 const PRESS: f64 = 2.0;
 /// On a skin whose touches shift the values as much alike as this, offsets cannot be told from touches.
-const MOST_ALIKE: f64 = 0.9;
+const MAX_ALIKE: f64 = 0.9;
 /// Least limit: errors of the model, noise.
-const LEAST_LIMIT: f64 = 0.25;
+const MIN_LIMIT: f64 = 0.25;
 
 /// Tells common-mode offsets from touches.
 ///
@@ -29,8 +29,8 @@ impl CommonMode {
             |pixel: usize| (0..jacobian.rows).map(|channel| jacobian.row(channel)[pixel]).collect::<Vec<f64>>();
         let coating = (0..jacobian.rows).map(|channel| jacobian.row(channel).iter().sum()).collect::<Vec<f64>>();
         let largest = (0..jacobian.columns).map(|pixel| PRESS * shift(&column(pixel))).fold(shift(&coating), f64::max);
-        let limit = (2.0 * largest).min(0.5 * (1.0 + largest)).max(LEAST_LIMIT);
-        Ok(CommonMode { limit: (largest < MOST_ALIKE).then_some(limit) })
+        let limit = (2.0 * largest).min(0.5 * (1.0 + largest)).max(MIN_LIMIT);
+        Ok(CommonMode { limit: (largest < MAX_ALIKE).then_some(limit) })
     }
 
     /// Whether the difference of a touched frame from the baseline is an offset, in the channels that are not masked.

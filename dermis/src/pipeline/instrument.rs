@@ -20,7 +20,7 @@ const ABOVE_DRIVE: f64 = 1.2;
 const SCALE: [f64; 2] = [0.6, 1.5];
 /// Values of this many times their noise are compared with the baseline, if there are so many.
 const SCALED_NOISES: f64 = 10.0;
-const FEWEST_SCALED: usize = 8;
+const MIN_SCALED: usize = 8;
 /// A frame that repeats one of so many before it is no new measurement.
 const REMEMBERED: usize = 16;
 /// Frames whose values jump by this many times the noise, at the median channel, are noisy: a touch changes the values of
@@ -30,7 +30,7 @@ const JUMPS: f64 = 4.0;
 const NOISY_FRAMES: u32 = 3;
 /// Reciprocal channels jump alike, by the reciprocity theorem; noise makes them jump differently. Fewest pairs that can
 /// tell, and the part of the jumps from which on their differences are noise.
-const FEWEST_PAIRS: usize = 8;
+const MIN_PAIRS: usize = 8;
 const UNLIKE_JUMPS: f64 = 0.5;
 /// Reciprocal channels change alike, by the reciprocity theorem. A difference of their changes is a fault of one of them
 /// if it exceeds this many times the noise and a thousandth of their values, and this part of the larger of the two and of
@@ -42,7 +42,7 @@ const UNLIKE_CHANGE: f64 = 0.5;
 /// It has to last for so many frames: a touch can begin between the two measurements.
 const UNLIKE_FRAMES: u32 = 6;
 /// More pairs at once are no fault of single channels: a drive of the paper's skin is in 7 % of them.
-const MOST_UNLIKE: f64 = 0.1;
+const MAX_UNLIKE: f64 = 0.1;
 /// Median of the absolute value of a standard normal deviate.
 const NORMAL_MEDIAN: f64 = 0.674_489_75;
 /// Frames with the time of the frame before after which the clock is faulty. (Rows of a file may share a time.)
@@ -254,7 +254,7 @@ impl InstrumentMonitor {
         let pairs = topology.reciprocal_pairs();
         let unlike: Vec<bool> = pairs.iter().zip(&self.unlike_ohm).map(is_unlike).collect();
         let count = unlike.iter().filter(|unlike| **unlike).count();
-        let are_single = count as f64 <= (MOST_UNLIKE * unlike.len() as f64).max(1.0);
+        let are_single = count as f64 <= (MAX_UNLIKE * unlike.len() as f64).max(1.0);
         for ((frames, is_unlike), pair) in self.unlike_frames.iter_mut().zip(unlike).zip(pairs) {
             if are_single {
                 *frames = if is_unlike { frames.saturating_add(1) } else { 0 };
@@ -271,8 +271,7 @@ impl InstrumentMonitor {
             .filter(|&channel| self.scaled[channel] && !wrong[channel])
             .map(|channel| frame.values_ohm[channel] / baseline_ohm[channel])
             .collect();
-        ratios.len() >= FEWEST_SCALED
-            && upper_median(&ratios).is_some_and(|ratio| !(SCALE[0]..=SCALE[1]).contains(&ratio))
+        ratios.len() >= MIN_SCALED && upper_median(&ratios).is_some_and(|ratio| !(SCALE[0]..=SCALE[1]).contains(&ratio))
     }
 
     /// Whether a frame repeats one of the last ones.
@@ -293,7 +292,7 @@ impl InstrumentMonitor {
         let pairs = topology.reciprocal_pairs().iter().filter(|_| are_large && !jump_ohm.is_empty());
         let unlike = pairs.map(|&[a, b]| (jump_ohm[a] - jump_ohm[b]) / noise_ohm[a].hypot(noise_ohm[b]));
         let unlike: Vec<f64> = unlike.collect();
-        let can_tell = unlike.len() >= FEWEST_PAIRS;
+        let can_tell = unlike.len() >= MIN_PAIRS;
         let unlike = median_size(unlike.into_iter());
         // Of noise both are equal; of a touch that moves the pairs differ by what it moves from one to the other.
         let is_noise = can_tell && exceeds_noise(unlike) && unlike > UNLIKE_JUMPS * single;

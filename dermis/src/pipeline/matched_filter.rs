@@ -7,7 +7,7 @@ use crate::stats::{rms, upper_median};
 use pulp::{Simd, WithSimd};
 
 /// Places of touches that are tried, at most.
-const MOST_PLACES: usize = 1000;
+const MAX_PLACES: usize = 1000;
 /// Lanes of the sums.
 const LANES: usize = 16;
 /// The quantile that the largest of 1,000 outputs of noise exceeds once in an hour at 120 frames a second:
@@ -53,7 +53,7 @@ impl MatchedFilter {
         };
         let whitening = Whitening::new((0..modes.rows).map(|mode| scaled(&mut modes.row(mode).iter().copied())));
         let width = noise_ohm.len().next_multiple_of(LANES);
-        let places = (0..jacobian.columns).step_by(jacobian.columns.div_ceil(MOST_PLACES));
+        let places = (0..jacobian.columns).step_by(jacobian.columns.div_ceil(MAX_PLACES));
         let mut table = Vec::with_capacity(places.len() * width);
         for place in places {
             let mut row = scaled(&mut (0..jacobian.rows).map(|channel| sign * jacobian.at(channel, place)));

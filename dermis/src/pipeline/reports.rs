@@ -7,7 +7,7 @@ use crate::pipeline::validity::{InvalidReason, Validity};
 use crate::text::counted;
 
 /// Channels that a notice names.
-const MOST_NAMED: usize = 8;
+const MAX_NAMED: usize = 8;
 
 /// A notice without its time.
 pub(super) type Text = (Severity, String);
@@ -70,8 +70,8 @@ impl Reports {
         let were_bad = std::mem::replace(&mut self.are_channels_bad, !bad.is_empty());
         match (were_bad, bad.is_empty()) {
             (false, false) => {
-                let named: Vec<String> = bad.iter().take(MOST_NAMED).map(usize::to_string).collect();
-                let others = if bad.len() > MOST_NAMED { ", ..." } else { "" };
+                let named: Vec<String> = bad.iter().take(MAX_NAMED).map(usize::to_string).collect();
+                let others = if bad.len() > MAX_NAMED { ", ..." } else { "" };
                 let text = format!(
                     "{} out of range, above the voltage of the drive or unlike the reciprocal one, and masked: {}{others}",
                     counted(bad.len(), "channel"),

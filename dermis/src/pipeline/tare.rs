@@ -16,7 +16,7 @@ use crate::stats::{rms, upper_median};
 /// moved; so has one that the test for weak touches feels, in either direction: the median may be the touched one.
 const MOVED: f64 = 3.0;
 /// With more touched frames than this part of a tare, the median may be touched, too: the tare takes longer.
-const MOST_MOVED: f64 = 0.2;
+const MAX_MOVED: f64 = 0.2;
 /// Frames beside a touched one are left out: a touch begins and ends in them.
 const BESIDE: usize = 2;
 /// After a refusal, this part of the frames is replaced by new ones.
@@ -98,7 +98,7 @@ pub(super) fn judge(
     }
     let moved = moved(&values, &median, skin, &modes_of(modes, &median))?;
     let count = moved.iter().filter(|moved| **moved).count();
-    if count as f64 > MOST_MOVED * frames.len() as f64 {
+    if count as f64 > MAX_MOVED * frames.len() as f64 {
         let swing = swing(&values, &median);
         return Ok(Err((Refusal::Moving { frames: count, of: frames.len(), swing }, frames)));
     }

@@ -25,7 +25,7 @@ pub(super) struct TouchDetector {
 const QUANTILE: f64 = 4.97;
 /// Limit of a channel's difference in standard deviations: a single bad reading, or a step of the converter where the
 /// noise is far less, is not a touch. A touch changes many channels.
-const MOST: f64 = 5.0;
+const MAX: f64 = 5.0;
 /// A touch ends below this fraction of the threshold's distance from the mean.
 const RELEASE: f64 = 0.6;
 
@@ -85,7 +85,7 @@ impl TouchDetector {
 /// The statistic of a difference: the sum of its bounded squares over the variances of the noise.
 pub(super) fn statistic(difference: &[f64], noise_ohm: &[f64], masked: &[bool]) -> f64 {
     let channels = difference.iter().zip(noise_ohm).zip(masked);
-    let square = |difference: &f64, noise: &f64| (difference / noise).powi(2).min(MOST * MOST);
+    let square = |difference: &f64, noise: &f64| (difference / noise).powi(2).min(MAX * MAX);
     channels.filter(|(_, masked)| !**masked).map(|((difference, noise), _)| square(difference, noise)).sum()
 }
 

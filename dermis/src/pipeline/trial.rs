@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Fewest frames of a trial for a mean.
-const FEWEST_FRAMES: u32 = 4;
+const MIN_FRAMES: u32 = 4;
 
 /// Means of the values of channels on trial, over untouched frames. They are the new baseline of a channel that comes
 /// back, because a contact that was mended is not as it was.
@@ -37,7 +37,7 @@ impl TrialMeans {
         for (channel, value) in values_ohm.iter().enumerate() {
             let (mean, frames) = (&mut self.mean_ohm[channel], &mut self.frames[channel]);
             if !masked[channel] {
-                if *frames >= FEWEST_FRAMES {
+                if *frames >= MIN_FRAMES {
                     baseline_ohm[channel] = *mean;
                 }
                 *frames = 0;

@@ -173,7 +173,7 @@ pub enum Quantity {
 
 /// Minimum number of untouched frames for measuring the noise of images by themselves: the relative standard error of the
 /// standard deviation is then a quarter (1 / sqrt(2 n)).
-pub const FEWEST_UNTOUCHED_FRAMES: usize = 8;
+pub const MIN_UNTOUCHED_FRAMES: usize = 8;
 
 /// Fewer frames tell the noise of all channels, not that of each: the noise that is the same in all values of a drive, as that of
 /// its current, is larger in large values.
@@ -184,7 +184,7 @@ const DRAWN_FRAMES: u64 = 64;
 
 /// The noise of a method's images of differences from the mean of untouched frames, from these or their differences from one
 /// frame, ohm: by the method's matrix from the [noise of the channels](ChannelNoise); without a matrix from the images of
-/// those frames, or with fewer than [`FEWEST_UNTOUCHED_FRAMES`] of frames drawn with that noise. `None` without a frame.
+/// those frames, or with fewer than [`MIN_UNTOUCHED_FRAMES`] of frames drawn with that noise. `None` without a frame.
 ///
 /// Every command and the live pipeline measure the noise by this rule.
 ///
@@ -212,7 +212,7 @@ pub(crate) fn image_noise_of(
 ) -> Result<Option<ImageNoise>, ReconstructError> {
     let Some(rest) = mean(untouched) else { return Ok(None) };
     let mut sd_ohm = noise.sd_of_difference_ohm();
-    let is_few = untouched.len() < FEWEST_UNTOUCHED_FRAMES;
+    let is_few = untouched.len() < MIN_UNTOUCHED_FRAMES;
     if is_few {
         sd_ohm.iter_mut().for_each(|sd| *sd *= OF_FEW_FRAMES);
     }

@@ -9,7 +9,7 @@ use crate::forward::{ForwardModel, Matrix};
 use crate::frame::{Frame, broken_channels, disconnected_electrodes};
 use crate::identify::{Identifier, IdentifyOptions};
 use crate::image::PixelSpace;
-use crate::reconstruct::{FEWEST_UNTOUCHED_FRAMES, Quantity, Reconstruct, ReconstructError};
+use crate::reconstruct::{MIN_UNTOUCHED_FRAMES, Quantity, Reconstruct, ReconstructError};
 use crate::refine::{RefineOptions, Refiner};
 use crate::stats::rms;
 use std::sync::{Arc, OnceLock};
@@ -19,7 +19,7 @@ use std::sync::{Arc, OnceLock};
 const DRIVEN_NOISE: f64 = 2.0;
 /// A skin whose misfit is larger than this is not one that the model describes: its contacts are not refined. The unit is
 /// an unexplained 0.1 % of the values; a press changes them by 0.5 to 2 %. Skins of the twin `harsh` reach 2.2.
-const MOST_MISFIT: f64 = 4.0;
+const MAX_MISFIT: f64 = 4.0;
 /// The sign of an amplitude is that of the model's value where this is larger than this part of the root mean square.
 const SIGN_IS_KNOWN: f64 = 0.05;
 /// Part of a change that touches on the skin as designed do not explain: it has another coat than the skin.
@@ -97,11 +97,11 @@ impl Refined {
             return self.of_amplitudes(rest, &sd_ohm);
         }
         let reason = match self.identifier()?.identify(rest, &of_mean) {
-            Ok(skin) if skin.misfit <= MOST_MISFIT => {
+            Ok(skin) if skin.misfit <= MAX_MISFIT => {
                 let refiner = Refiner::new(&self.design.body, skin.model(), &sd_ohm, self.options)?;
                 return Ok(Refinement::Prepared(Arc::new(refiner), vec![1.0; rest.len()].into()));
             }
-            Ok(skin) => format!("their misfit is {:.1}, the limit {MOST_MISFIT}", skin.misfit),
+            Ok(skin) => format!("their misfit is {:.1}, the limit {MAX_MISFIT}", skin.misfit),
             // The search of a skin that explains other values leads to ones that cannot be solved.
             Err(error) => error.to_string(),
         };
@@ -200,7 +200,7 @@ impl Reconstruct for Refined {
     }
 
     fn adapted(&self, rest: &Frame, untouched: &[Frame]) -> Result<Option<Arc<dyn Reconstruct>>, ReconstructError> {
-        if untouched.len() < FEWEST_UNTOUCHED_FRAMES {
+        if untouched.len() < MIN_UNTOUCHED_FRAMES {
             return Ok(None);
         }
         let refinement =

@@ -30,13 +30,13 @@ const JOINED_M: f64 = 0.05;
 /// A segment longer than this may be two touches, m.
 const SPLIT_M: f64 = 8e-3;
 /// Changes of the number of touches, which are as many as a frame may need.
-const MOST_CHANGES: usize = 32;
+const MAX_CHANGES: usize = 32;
 /// A touch is at most this many times as wide as usual, and at least one over this.
 const WIDEST: f64 = 4.0;
 /// Places at which one more touch is tried.
 const MORE_TRIED: usize = 3;
 /// A frame has at most this many touches.
-const MOST_TOUCHES: usize = 16;
+const MAX_TOUCHES: usize = 16;
 
 /// A touch: the unknowns of the fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -272,7 +272,7 @@ impl Fit<'_> {
     pub(super) fn run(&self, detected: Vec<Touch>) -> Fitted {
         let start = if detected.is_empty() { None } else { self.start(detected).and_then(|state| self.fitted(state)) };
         let mut best = start.unwrap_or_else(|| self.untouched());
-        for _ in 0..MOST_CHANGES {
+        for _ in 0..MAX_CHANGES {
             let better = self
                 .joined(&best)
                 .or_else(|| self.split(&best))
@@ -346,7 +346,7 @@ impl Fit<'_> {
 
     /// One more touch, where one explains what the others leave.
     fn more(&self, from: &Fitted) -> Option<Fitted> {
-        if from.state.touches.len() >= MOST_TOUCHES {
+        if from.state.touches.len() >= MAX_TOUCHES {
             return None;
         }
         let places = self.responses.likeliest(&from.state.residuals, MORE_TRIED);

@@ -129,7 +129,7 @@ pub enum RefineError {
 
 /// Touches that leave more than this part of a frame's change, and more than noise and misfit, are not what changed it: contacts
 /// are then kept as they were detected.
-const MOST_LEFT: f64 = 0.5;
+const MAX_LEFT: f64 = 0.5;
 /// Fewer values than this per unknown of the fit do not determine the contacts of a frame.
 const VALUES_PER_UNKNOWN: usize = 4;
 
@@ -220,7 +220,7 @@ impl Refiner {
         };
         let fitted = fit.run(contacts.iter().enumerate().map(start).collect());
         let residuals = fitted.state.sum_of_squares();
-        let is_unexplained = weight * residuals > count && residuals > MOST_LEFT * square;
+        let is_unexplained = weight * residuals > count && residuals > MAX_LEFT * square;
         if !contacts.is_empty() && (is_unexplained || fitted.state.touches.is_empty()) {
             return;
         }

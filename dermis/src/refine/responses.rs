@@ -19,9 +19,9 @@ use rayon::prelude::*;
 use std::collections::HashSet;
 
 /// Least width of a touch over the edge length of the cells: a density is sampled at the centres of the cells.
-const LEAST_WIDTH: f64 = 0.6;
+const MIN_WIDTH: f64 = 0.6;
 /// Directions of the values in which touches change a frame by less than this part of the largest are left out.
-const LEAST_PART: f64 = 1e-3;
+const MIN_PART: f64 = 1e-3;
 /// One of this many cells is used to find them.
 const BASIS_STRIDE: usize = 8;
 /// Values that are summed together, in registers.
@@ -107,7 +107,7 @@ impl Responses {
         let edge_m = (4.0 / 3f64.sqrt() * area_m2 / cells.len() as f64).sqrt();
         let mut responses = Responses {
             space,
-            usual_m: options.width_m.max(LEAST_WIDTH * edge_m),
+            usual_m: options.width_m.max(MIN_WIDTH * edge_m),
             area_m2,
             cells,
             axis,
@@ -357,7 +357,7 @@ fn basis(changes: &[Vec<f64>]) -> Matrix {
     let gram: Mat<f64> = changes.transpose() * changes;
     let eigen = gram.self_adjoint_eigen(Side::Lower).expect("a symmetric matrix of finite values");
     let (values, vectors) = (eigen.S().column_vector(), eigen.U());
-    let least = LEAST_PART * LEAST_PART * values[width - 1];
+    let least = MIN_PART * MIN_PART * values[width - 1];
     let kept: Vec<usize> = (0..width).rev().filter(|&k| values[k] > least).collect();
     let rows = kept.iter().flat_map(|&k| (0..width).map(move |i| vectors[(i, k)]));
     Matrix { rows: kept.len(), columns: width, values: rows.collect() }

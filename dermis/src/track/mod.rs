@@ -66,7 +66,7 @@ impl Default for TrackOptions {
 }
 
 /// Minimum gate, m: the distance per frame of a fast stroke of 1 m/s at 120 frames per second, for any skin.
-const LEAST_GATE_M: f64 = 0.008;
+const MIN_GATE_M: f64 = 0.008;
 
 impl TrackOptions {
     /// The options for a skin, from its pixels and its number of electrodes; for the paper's skin the default ones.
@@ -77,7 +77,7 @@ impl TrackOptions {
     pub fn for_skin(pixels: &PixelSpace, electrode_count: usize) -> Self {
         let area_m2 = pixels.areas.iter().sum::<f64>();
         let apart_m = (2.0 * area_m2 / (3f64.sqrt() * electrode_count.max(1) as f64)).sqrt();
-        let merge_m = ((1e3 * apart_m).round() / 1e3).max(2.0 * LEAST_GATE_M);
+        let merge_m = ((1e3 * apart_m).round() / 1e3).max(2.0 * MIN_GATE_M);
         TrackOptions { merge_m, gate_m: 0.5 * merge_m, ..Self::default() }
     }
 }

@@ -1,7 +1,7 @@
 //! The starts of a search that are done, in a file.
 
 use crate::failure::{Failure, Outcome};
-use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
+use dermis::files::{MAX_SETTINGS_BYTES, read_text_at_most};
 use dermis::frame::write_whole;
 use dermis_sim::optimise::{Judgement, Objective, Start};
 use serde::{Deserialize, Serialize};
@@ -47,7 +47,7 @@ impl State {
             return Ok(State { conditions, found: Vec::new(), path: path.map(Path::to_path_buf) });
         };
         let refused = |why: &str, fix: &'static str| Failure::given(format!("{}: {why}", path.display()), Some(fix));
-        let text = read_text_at_most(path, MOST_SETTINGS_BYTES).map_err(|error| {
+        let text = read_text_at_most(path, MAX_SETTINGS_BYTES).map_err(|error| {
             refused(&error.to_string(), "give a state of `dermis optimise`, or a file that does not exist")
         })?;
         let state: State = serde_json::from_str(&text).map_err(|error| {

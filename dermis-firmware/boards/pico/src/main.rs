@@ -38,11 +38,11 @@ bind_interrupts!(struct Interrupts {
 const REST: Duration = Duration::from_micros(50);
 
 /// Slots of the largest scan table.
-const MOST_SLOTS: usize = 1024;
+const MAX_SLOTS: usize = 1024;
 
-static TABLES: ConstStaticCell<[[TimedSlot; MOST_SLOTS]; 2]> = ConstStaticCell::new([[TimedSlot::NONE; MOST_SLOTS]; 2]);
-static TESTED: ConstStaticCell<[i16; MOST_SLOTS]> = ConstStaticCell::new([0; MOST_SLOTS]);
-const OUTBOX_BYTES: usize = Memory::outbox_bytes(MOST_SLOTS);
+static TABLES: ConstStaticCell<[[TimedSlot; MAX_SLOTS]; 2]> = ConstStaticCell::new([[TimedSlot::NONE; MAX_SLOTS]; 2]);
+static TESTED: ConstStaticCell<[i16; MAX_SLOTS]> = ConstStaticCell::new([0; MAX_SLOTS]);
+const OUTBOX_BYTES: usize = Memory::outbox_bytes(MAX_SLOTS);
 static OUTBOX: ConstStaticCell<[u8; OUTBOX_BYTES]> = ConstStaticCell::new([0; OUTBOX_BYTES]);
 static DEVICE: StaticCell<Device<'static>> = StaticCell::new();
 static EXECUTOR: StaticCell<Executor> = StaticCell::new();

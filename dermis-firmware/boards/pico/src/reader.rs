@@ -1,14 +1,14 @@
 //! The scanner of the device: words for the front end, and the frames that come back.
 
-use crate::MOST_SLOTS;
+use crate::MAX_SLOTS;
 use crate::front_end::{
     BUFFERS, CYCLES_PER_US, DONE, EMPTY, FILLED, JOBS, Job, OVERHEAD_CYCLES, STOP, SlotWords, WAIT_CYCLES,
 };
 use dermis_firmware::{Gain, HardwareFault, Limits, Plan, Scanned, Scanner, TimedSlot};
 use static_cell::ConstStaticCell;
 
-static WORDS: ConstStaticCell<[u32; 2 * MOST_SLOTS]> = ConstStaticCell::new([0; 2 * MOST_SLOTS]);
-static READINGS: ConstStaticCell<[[u16; MOST_SLOTS]; BUFFERS]> = ConstStaticCell::new([[0; MOST_SLOTS]; BUFFERS]);
+static WORDS: ConstStaticCell<[u32; 2 * MAX_SLOTS]> = ConstStaticCell::new([0; 2 * MAX_SLOTS]);
+static READINGS: ConstStaticCell<[[u16; MAX_SLOTS]; BUFFERS]> = ConstStaticCell::new([[0; MAX_SLOTS]; BUFFERS]);
 
 /// Input of the amplifier's multiplexers that is on the reference resistor; electrodes have the inputs 0 to 30.
 const ON_REFERENCE: u32 = 31;
@@ -22,7 +22,7 @@ const fn ns(cycles: u32) -> u32 {
 pub struct Reader {
     /// The words, unless the front end has them.
     words: Option<&'static mut [u32]>,
-    readings: [i16; MOST_SLOTS],
+    readings: [i16; MAX_SLOTS],
     running: Option<Running>,
 }
 
@@ -41,7 +41,7 @@ impl Reader {
             // The queue has room for all of them.
             let _ = EMPTY.try_send(&mut buffer[..]);
         }
-        Reader { words: Some(&mut WORDS.take()[..]), readings: [0; MOST_SLOTS], running: None }
+        Reader { words: Some(&mut WORDS.take()[..]), readings: [0; MAX_SLOTS], running: None }
     }
 
     /// Takes back what the front end no longer needs.

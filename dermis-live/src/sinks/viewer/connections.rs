@@ -19,9 +19,9 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::time::Sleep;
 
 /// Most connections that are no page; when another one comes, the oldest is closed. A browser opens six.
-pub(super) const MOST_STRANGERS: usize = 64;
+pub(super) const MAX_STRANGERS: usize = 64;
 /// Most pages at once.
-pub(super) const MOST_PAGES: usize = 100;
+pub(super) const MAX_PAGES: usize = 100;
 /// A connection without a complete request in this time is closed.
 const FIRST_REQUEST: Duration = Duration::from_secs(5);
 /// A connection that is no page is closed after this time: loading the page over a slow line takes less.
@@ -94,7 +94,7 @@ impl Connections {
         if closed > 0 {
             self.reported_at = Some(Instant::now());
             let text = format!(
-                "{} to the page closed: no page, or more than {MOST_PAGES} pages",
+                "{} to the page closed: no page, or more than {MAX_PAGES} pages",
                 counted(closed, "connection")
             );
             self.shared.publish(&Event::Notice(Notice { level: Severity::Warning, text, at: clock::now() }));
@@ -139,7 +139,7 @@ impl Counts {
     fn add(&self, state: &Arc<State>) {
         let mut strangers = lock(&self.strangers);
         strangers.push_back(Arc::clone(state));
-        if strangers.len() > MOST_STRANGERS
+        if strangers.len() > MAX_STRANGERS
             && let Some(oldest) = strangers.pop_front()
         {
             self.closed.fetch_add(1, Ordering::Relaxed);
@@ -169,7 +169,7 @@ impl Peer {
 
     /// Makes the connection a page, unless there are too many.
     pub(super) fn become_page(&self) -> Option<PageSlot> {
-        let add = |pages| (pages < MOST_PAGES).then_some(pages + 1);
+        let add = |pages| (pages < MAX_PAGES).then_some(pages + 1);
         if self.counts.pages.fetch_update(Ordering::Relaxed, Ordering::Relaxed, add).is_err() {
             self.counts.closed.fetch_add(1, Ordering::Relaxed);
             return None;

@@ -26,7 +26,7 @@ pub(super) const MINUS: usize = 2;
 const DECAYED: f64 = 40.0;
 
 /// Minimum on-resistance, ohm: with zero, the settling time of a line on the grounded electrode is not defined.
-const LEAST_OHM: f64 = 1e-3;
+const MIN_OHM: f64 = 1e-3;
 
 /// The circuit of one slot.
 #[derive(Debug, Clone, Copy)]
@@ -61,8 +61,8 @@ impl Joined {
     fn impedance(&self, network: &ElectrodeNetwork, j: usize, k: usize) -> f64 {
         let s = &network.transfer_impedance;
         let (a, b, sink) = (self.electrodes[j], self.electrodes[k], self.sink);
-        let own = if j == k { self.on_ohm[j].max(LEAST_OHM) } else { 0.0 };
-        (s.at(a, b) - s.at(sink, b)) - (s.at(a, sink) - s.at(sink, sink)) + self.sink_on_ohm.max(LEAST_OHM) + own
+        let own = if j == k { self.on_ohm[j].max(MIN_OHM) } else { 0.0 };
+        (s.at(a, b) - s.at(sink, b)) - (s.at(a, sink) - s.at(sink, sink)) + self.sink_on_ohm.max(MIN_OHM) + own
     }
 }
 
@@ -85,7 +85,7 @@ impl Slot {
     pub(super) fn referring(network: &ElectrodeNetwork, source: Source, joined: &Joined) -> Self {
         let skin_ohm = joined.impedance(network, SOURCE, SOURCE);
         let current_a = source.voltage_v / (source.reference_ohm + skin_ohm);
-        let [_, plus_ohm, minus_ohm] = joined.on_ohm.map(|ohm| ohm.max(LEAST_OHM));
+        let [_, plus_ohm, minus_ohm] = joined.on_ohm.map(|ohm| ohm.max(MIN_OHM));
         let line_v = skin_ohm * current_a;
         Slot {
             conductance: [
@@ -124,8 +124,8 @@ impl Slot {
         let mut above_s = DECAYED * capacitance_f * self.slowest_ohm;
         while error(above_s / STEP) <= share {
             above_s /= STEP;
-            if above_s < LEAST_S {
-                return LEAST_S;
+            if above_s < MIN_S {
+                return MIN_S;
             }
         }
         bisect([above_s / STEP, above_s], HALVINGS, |duration_s| error(duration_s) <= share)
@@ -136,7 +136,7 @@ impl Slot {
 const STEP: f64 = 1.1;
 const HALVINGS: usize = 7;
 /// The shortest settling time, s: no switch is faster.
-const LEAST_S: f64 = 1e-9;
+const MIN_S: f64 = 1e-9;
 
 /// The inverse of a symmetric positive definite matrix by its cofactors.
 fn inverse(m: &Matrix3) -> Matrix3 {

@@ -237,8 +237,7 @@ impl MeshEditor {
             let corners =
                 self.triangles[triangle].map(|corner| self.points[if corner == gone { kept } else { corner }]);
             let (old, new) = (self.area_vector(triangle), area_vector(corners));
-            if !faces_along(new, old)
-                || smallest_angle(corners) < smallest_angle(self.corners(triangle)).min(LEAST_ANGLE)
+            if !faces_along(new, old) || smallest_angle(corners) < smallest_angle(self.corners(triangle)).min(MIN_ANGLE)
             {
                 return false;
             }
@@ -329,7 +328,7 @@ const STRAIGHT: f64 = 0.866;
 /// Maximum rotation of a triangle when a point moves (cosine of 60 degrees): beyond, the surface folds.
 const FOLD: f64 = 0.5;
 /// A collapse creates no angle smaller than this (10 degrees), unless there was one before.
-const LEAST_ANGLE: f64 = 0.1745;
+const MIN_ANGLE: f64 = 0.1745;
 
 fn area_vector([a, b, c]: [Point3; 3]) -> Point3 {
     cross(sub(b, a), sub(c, a))
