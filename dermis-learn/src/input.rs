@@ -1,6 +1,6 @@
 //! Conversion of a frame difference to network inputs: the same in training, evaluation and live use.
 
-use dermis::frame::twins;
+use dermis::frame::reciprocal;
 use dermis::protocol::Protocol;
 use dermis::stats::upper_median;
 use serde::{Deserialize, Serialize};
@@ -46,11 +46,11 @@ impl Input {
         Self::of(protocol.channels().iter().enumerate().filter_map(pair).collect())
     }
 
-    /// Channels that measure the same quantity with the same sign ([`twins`]: drive or measure reversed, or both
+    /// Channels that measure the same quantity with the same sign ([`reciprocal`]: drive or measure reversed, or both
     /// exchanged) averaged, scale-free; not normalised yet.
     pub fn shapes(protocol: &Protocol) -> Self {
-        let groups = twins(protocol).into_iter().enumerate().filter_map(|(channel, twins)| {
-            let same = twins.into_iter().filter(|(_, sign)| *sign > 0.0).map(|(twin, _)| twin);
+        let groups = reciprocal(protocol).into_iter().enumerate().filter_map(|(channel, reciprocal)| {
+            let same = reciprocal.into_iter().filter(|(_, sign)| *sign > 0.0).map(|(partner, _)| partner);
             let mut group: Vec<usize> = std::iter::once(channel).chain(same).collect();
             group.sort_unstable();
             (group[0] == channel).then_some(group)
@@ -63,7 +63,7 @@ impl Input {
         Input { channels, mean_ohm: vec![0.0; count], sd_ohm: vec![1.0; count], scale_free: false }
     }
 
-    /// The same without some channels, which are replaced by their twins.
+    /// The same without some channels, which are replaced by their reciprocal channels.
     #[must_use]
     pub fn without(&self, left_out: &[usize]) -> Self {
         let kept = |group: &Vec<usize>| group.iter().copied().filter(|channel| !left_out.contains(channel)).collect();

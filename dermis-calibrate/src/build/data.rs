@@ -2,7 +2,7 @@
 
 use dermis::estimate::noise::{ChannelNoise, disagreement};
 use dermis::estimate::scale::robust;
-use dermis::frame::{Frame, mean, twins};
+use dermis::frame::{Frame, mean, reciprocal};
 use dermis::identify::DRIVEN_ERROR;
 use dermis::protocol::Protocol;
 use dermis::stats::rms;
@@ -48,7 +48,7 @@ impl Data {
         let scale = scale(protocol, &mean, model)?;
         let values: Vec<f64> = mean.iter().map(|value| value / scale).collect();
         let groups = protocol.channels_by_drive();
-        let twins = twins(protocol);
+        let reciprocal = reciprocal(protocol);
         let noise = ChannelNoise::of(frames, protocol)?;
         // That of the mean; reciprocal channels also contain what the scatter does not, as the steps of the converter.
         let of_mean_ohm = noise.by_group_ohm().map(|sd| sd / (frames.len() as f64).sqrt() / scale);
@@ -56,7 +56,7 @@ impl Data {
         let part = if groups[0].is_empty() { &groups[1] } else { &groups[0] };
         let size = rms(part.iter().map(|&channel| model[channel]));
         let noise_ohm = [0, 1].map(|group: usize| {
-            of_mean_ohm[group].max(disagreement(&twins, &values, &groups[group]).min(MAX_DISAGREEMENT * size))
+            of_mean_ohm[group].max(disagreement(&reciprocal, &values, &groups[group]).min(MAX_DISAGREEMENT * size))
         });
         let sd = |(channel, value): (usize, &f64)| {
             let driven = protocol.channels()[channel].touches_driven();
@@ -64,7 +64,7 @@ impl Data {
             noise_ohm[usize::from(driven)].hypot(RELATIVE_ERROR * size).hypot(own).hypot(discretisation_ohm[channel])
         };
         let mut sd: Vec<f64> = values.iter().enumerate().map(sd).collect();
-        for channel in out_of_range(protocol, &twins, &values, &noise_ohm) {
+        for channel in out_of_range(protocol, &reciprocal, &values, &noise_ohm) {
             sd[channel] = WITHOUT_WEIGHT * values[channel].abs().max(size);
         }
         Some(Data { values, sd, scale, noise })
@@ -74,7 +74,12 @@ impl Data {
 /// The channels whose value seems to be out of the converter's range: it is the largest of its drive with the same gain (with
 /// or without a driven electrode), and unlike that of a reciprocal channel. By faults, such as exchanged wires, values become
 /// much larger than those of the design.
-fn out_of_range(protocol: &Protocol, twins: &[Vec<(usize, f64)>], values: &[f64], noise_ohm: &[f64; 2]) -> Vec<usize> {
+fn out_of_range(
+    protocol: &Protocol,
+    reciprocal: &[Vec<(usize, f64)>],
+    values: &[f64],
+    noise_ohm: &[f64; 2],
+) -> Vec<usize> {
     let (drives, drive_of) = protocol.drives();
     let is_driven = |channel: usize| usize::from(protocol.channels()[channel].touches_driven());
     let mut largest = vec![[0.0f64; 2]; drives.len()];
@@ -86,10 +91,10 @@ fn out_of_range(protocol: &Protocol, twins: &[Vec<(usize, f64)>], values: &[f64]
         |channel: usize| values[channel].abs() >= (1.0 - AS_LARGE) * largest[drive_of[channel]][is_driven(channel)];
     let noise = |channel: usize| noise_ohm[is_driven(channel)];
     let is_unlike = |channel: usize| {
-        twins[channel].iter().any(|&(twin, sign)| {
-            let noise = UNLIKE_NOISE * noise(channel).hypot(noise(twin));
-            let size = values[channel].abs().max(values[twin].abs());
-            (values[channel] - sign * values[twin]).abs() > noise.max(UNLIKE_SHARE * size)
+        reciprocal[channel].iter().any(|&(partner, sign)| {
+            let noise = UNLIKE_NOISE * noise(channel).hypot(noise(partner));
+            let size = values[channel].abs().max(values[partner].abs());
+            (values[channel] - sign * values[partner]).abs() > noise.max(UNLIKE_SHARE * size)
         })
     };
     (0..values.len()).filter(|&channel| is_largest(channel) && is_unlike(channel)).collect()
@@ -119,10 +124,10 @@ mod tests {
     #[test]
     fn a_clipped_value_is_out_of_range_and_a_reciprocal_frame_has_none() {
         let protocol = Protocol::adjacent(12).unwrap();
-        let twins = twins(&protocol);
+        let reciprocal = reciprocal(&protocol);
         let mut values = values(&protocol);
         let noise_ohm = [1e-4; 2];
-        assert_eq!(out_of_range(&protocol, &twins, &values, &noise_ohm), Vec::<usize>::new());
+        assert_eq!(out_of_range(&protocol, &reciprocal, &values, &noise_ohm), Vec::<usize>::new());
         // The largest value of a drive that is not the largest of the reciprocal one's drive.
         let channels = protocol.channels();
         let of_drive = |drive: [usize; 2]| {
@@ -131,11 +136,11 @@ mod tests {
         let largest =
             |drive: [usize; 2]| of_drive(drive).max_by(|&a, &b| values[a].abs().total_cmp(&values[b].abs())).unwrap();
         let clipped = (0..12).map(|k| largest([k, (k + 1) % 12])).find(|&c| {
-            let twin = twins[c][0].0;
-            largest(channels[twin].drive) != twin
+            let partner = reciprocal[c][0].0;
+            largest(channels[partner].drive) != partner
         });
         let clipped = clipped.unwrap();
         values[clipped] *= 0.99;
-        assert_eq!(out_of_range(&protocol, &twins, &values, &noise_ohm), [clipped]);
+        assert_eq!(out_of_range(&protocol, &reciprocal, &values, &noise_ohm), [clipped]);
     }
 }

@@ -1,7 +1,7 @@
 //! Channels that measure the same quantity: with drive and measure exchanged (reciprocity), or with a pair reversed.
 
 use dermis::finding::{Finding, FindingKind};
-use dermis::frame::{Frame, Screening, twins};
+use dermis::frame::{Frame, Screening, reciprocal};
 use dermis::protocol::Protocol;
 use dermis::stats::{ranks, upper_median};
 use faer::Mat;
@@ -15,7 +15,7 @@ const AGAINST_SD: f64 = 5.0;
 /// Fewest rows for a rank correlation.
 const MIN_ROWS: usize = 30;
 
-/// Channels that disagree with most of their twins in the untouched frame or in the changes, and the part of the twins'
+/// Channels that disagree with most of their reciprocal channels, in the untouched frame or in the changes, and the part of all
 /// pairs.
 pub(crate) fn disagreeing(
     untouched: Option<&[f64]>,
@@ -23,16 +23,16 @@ pub(crate) fn disagreeing(
     protocol: &Protocol,
     left_out: &[usize],
 ) -> Option<Finding> {
-    let twins = twins(protocol);
-    let usable = |channel: usize| !left_out.contains(&channel) && !twins[channel].is_empty();
-    let mut against = untouched.map_or_else(Vec::new, |frame| apart_at_rest(frame, &twins));
+    let reciprocal = reciprocal(protocol);
+    let usable = |channel: usize| !left_out.contains(&channel) && !reciprocal[channel].is_empty();
+    let mut against = untouched.map_or_else(Vec::new, |frame| apart_at_rest(frame, &reciprocal));
     if differences.nrows() >= MIN_ROWS {
-        against.extend(against_in_changes(differences, &twins));
+        against.extend(against_in_changes(differences, &reciprocal));
     }
     against.sort_unstable();
     against.dedup();
     against.retain(|&channel| usable(channel));
-    let paired = (0..twins.len()).filter(|&channel| usable(channel)).count();
+    let paired = (0..reciprocal.len()).filter(|&channel| usable(channel)).count();
     let part = against.len() as f64 / paired.max(1) as f64;
     let evidence = "part of the channels with a reciprocal or repeated one that disagree with it".to_string();
     let fix =
@@ -40,22 +40,25 @@ pub(crate) fn disagreeing(
     (!against.is_empty()).then(|| Finding::new(FindingKind::PairsDisagree, part, evidence, fix).at_channels(against))
 }
 
-/// Channels whose untouched value is far from that of most of their twins.
-fn apart_at_rest(frame: &[f64], twins: &[Vec<(usize, f64)>]) -> Vec<usize> {
+/// Channels whose untouched value is far from that of most of their reciprocal channels.
+fn apart_at_rest(frame: &[f64], reciprocal: &[Vec<(usize, f64)>]) -> Vec<usize> {
     let sizes: Vec<f64> = frame.iter().map(|value| value.abs()).collect();
     // Small values differ by noise alone.
     let floor = 0.05 * upper_median(&sizes).unwrap_or(0.0);
     let apart = |a: usize, (b, sign): (usize, f64)| {
         (frame[a] - sign * frame[b]).abs() / (frame[a].abs() + frame[b].abs() + floor).max(f64::MIN_POSITIVE)
     };
-    let all: Vec<f64> = (0..frame.len()).flat_map(|a| twins[a].iter().map(move |&twin| apart(a, twin))).collect();
+    let all: Vec<f64> =
+        (0..frame.len()).flat_map(|a| reciprocal[a].iter().map(move |&partner| apart(a, partner))).collect();
     let limit = APART.max(APART_RATIO * upper_median(&all).unwrap_or(0.0));
-    let is_apart = |&a: &usize| 2 * twins[a].iter().filter(|&&twin| apart(a, twin) > limit).count() > twins[a].len();
+    let is_apart = |&a: &usize| {
+        2 * reciprocal[a].iter().filter(|&&partner| apart(a, partner) > limit).count() > reciprocal[a].len()
+    };
     (0..frame.len()).filter(is_apart).collect()
 }
 
-/// Channels whose changes go against those of most of their twins.
-fn against_in_changes(differences: &Mat<f64>, twins: &[Vec<(usize, f64)>]) -> Vec<usize> {
+/// Channels whose changes go against those of most of their reciprocal channels.
+fn against_in_changes(differences: &Mat<f64>, reciprocal: &[Vec<(usize, f64)>]) -> Vec<usize> {
     let rows = differences.nrows();
     let ranked = |channel: usize| {
         let values: Vec<f64> = differences.col(channel).iter().copied().collect();
@@ -68,7 +71,8 @@ fn against_in_changes(differences: &Mat<f64>, twins: &[Vec<(usize, f64)>]) -> Ve
         let norm = (product(a, a) * product(b, b)).sqrt();
         norm > 0.0 && sign * product(a, b) / norm < limit
     };
-    let most = |&a: &usize| 2 * twins[a].iter().filter(|twin| is_against(a, twin)).count() > twins[a].len();
+    let most =
+        |&a: &usize| 2 * reciprocal[a].iter().filter(|partner| is_against(a, partner)).count() > reciprocal[a].len();
     (0..differences.ncols()).filter(most).collect()
 }
 

@@ -1,6 +1,6 @@
 //! How much more than noise the reciprocal channels of one frame contradict each other.
 
-use crate::frame::twins;
+use crate::frame::reciprocal;
 use crate::protocol::Protocol;
 use crate::stats::rms;
 use std::borrow::Cow;
@@ -34,11 +34,11 @@ impl Contradiction {
     pub fn new(protocol: &Protocol, sd_ohm: &[f64]) -> Self {
         let is_usable = |channel: usize| sd_ohm[channel].is_finite() && sd_ohm[channel] > 0.0;
         let weight = |own: usize, other: usize| 1.0 / (sd_ohm[own].powi(2) + sd_ohm[other].powi(2));
-        let of = |(own, twins): (usize, Vec<(usize, f64)>)| {
+        let of = |(own, reciprocal): (usize, Vec<(usize, f64)>)| {
             let later = move |(other, _): &(usize, f64)| *other > own && is_usable(own) && is_usable(*other);
-            twins.into_iter().filter(later).map(move |(other, sign)| (own, other, sign, weight(own, other)))
+            reciprocal.into_iter().filter(later).map(move |(other, sign)| (own, other, sign, weight(own, other)))
         };
-        Contradiction { pairs: twins(protocol).into_iter().enumerate().flat_map(of).collect() }
+        Contradiction { pairs: reciprocal(protocol).into_iter().enumerate().flat_map(of).collect() }
     }
 
     /// A difference (ohm) without spikes. Of two reciprocal channels that contradict each other by more than noise, and by more

@@ -17,7 +17,7 @@ pub use currents::DriveCurrents;
 pub use differences::Differences;
 pub use lines::{FrameLine, FrameLines, LineError};
 pub use npy::npy_header;
-pub use reciprocity::{Screening, quantities, twins};
+pub use reciprocity::{Screening, quantities, reciprocal};
 pub use table::{
     Table, read_array, read_conductivities, read_frames, read_frames_without, read_table, write_array, write_frames,
 };

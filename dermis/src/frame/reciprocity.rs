@@ -8,18 +8,18 @@ use std::collections::HashMap;
 /// Minimum number of frames: the rank correlation of unrelated values is then below a third in nine of ten cases.
 const FRAMES_AT_LEAST: usize = 20;
 
-/// Amplitude ratio of two twins from which the weaker one counts as not measured.
+/// Amplitude ratio of two reciprocal channels from which the weaker one counts as not measured.
 const LOUDER: f64 = 2.0;
 
 /// Which channels of some differences are reliable, and their scale; no labels are needed.
 ///
-/// The twins of a channel measure the same quantity between the same pairs of electrodes: with the drive or the measure
-/// reversed, or with drive and measure exchanged (reciprocity). Over many frames a channel and its twins must rise and
+/// The reciprocal channels of a channel measure the same quantity between the same pairs of electrodes: with the drive or the measure
+/// reversed, or with drive and measure exchanged (reciprocity). Over many frames a channel and its reciprocal channels must rise and
 /// fall together: a channel is excluded if its rank correlation (Spearman 1904) is positive with fewer than half of its
-/// twins. If two channels disagree, both are excluded, as it is unknown which one is wrong.
+/// reciprocal channels. If two channels disagree, both are excluded, as it is unknown which one is wrong.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Screening {
-    /// Channels that disagree with their twins, ascending.
+    /// Channels that disagree with their reciprocal channels, ascending.
     pub disagreeing: Vec<usize>,
     /// The robust standard deviation of each channel: 1.4826 times the median of the absolute values, in their unit.
     pub sd: Vec<f64>,
@@ -41,20 +41,21 @@ impl Screening {
         }
         let ranks: Vec<Vec<f64>> = (0..count).map(|channel| centred_ranks(&column(channel))).collect();
         let together = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let disagrees = |channel: usize, twins: &[(usize, f64)]| {
-            let agrees = |&&(twin, sign): &&(usize, f64)| sign * together(&ranks[channel], &ranks[twin]) > 0.0;
-            2 * twins.iter().filter(agrees).count() < twins.len()
+        let disagrees = |channel: usize, reciprocal: &[(usize, f64)]| {
+            let agrees = |&&(partner, sign): &&(usize, f64)| sign * together(&ranks[channel], &ranks[partner]) > 0.0;
+            2 * reciprocal.iter().filter(agrees).count() < reciprocal.len()
         };
-        let twins = twins(protocol).into_iter().enumerate().filter(|(_, twins)| !twins.is_empty());
-        let disagreeing = twins.filter(|(channel, twins)| disagrees(*channel, twins)).map(|(channel, _)| channel);
+        let reciprocal = reciprocal(protocol).into_iter().enumerate().filter(|(_, reciprocal)| !reciprocal.is_empty());
+        let disagreeing =
+            reciprocal.filter(|(channel, reciprocal)| disagrees(*channel, reciprocal)).map(|(channel, _)| channel);
         Screening { disagreeing: disagreeing.collect(), sd }
     }
 
     /// Channels of an instrument that reports amplitudes and measures voltages of only one sign (`polarity_blind`),
     /// ascending: all those whose value has the other sign on the model's untouched skin. With the drive reversed the
-    /// same voltage has the other sign, so one of two such twins hardly changes compared with the other: if one of them
+    /// same voltage has the other sign, so one of two such reciprocal channels hardly changes compared with the other: if one of them
     /// has twice the amplitude, the stronger one must have the same sign in four of five cases. Empty if signs are
-    /// reported, or if the amplitudes of twins are similar.
+    /// reported, or if the amplitudes of reciprocal channels are similar.
     ///
     /// # Panics
     /// If the length of the untouched frame differs from the protocol.
@@ -65,10 +66,10 @@ impl Screening {
         }
         let positive = |channel: usize| untouched[channel] > 0.0;
         let (mut pairs, mut louder) = (0, [0, 0]);
-        for (channel, twins) in twins(protocol).into_iter().enumerate() {
-            for (twin, _) in twins.into_iter().filter(|&(twin, _)| positive(channel) != positive(twin)) {
+        for (channel, reciprocal) in reciprocal(protocol).into_iter().enumerate() {
+            for (partner, _) in reciprocal.into_iter().filter(|&(partner, _)| positive(channel) != positive(partner)) {
                 pairs += 1;
-                if self.sd[channel] >= LOUDER * self.sd[twin] {
+                if self.sd[channel] >= LOUDER * self.sd[partner] {
                     louder[usize::from(positive(channel))] += 1;
                 }
             }
@@ -93,7 +94,7 @@ impl Screening {
 
 /// For each channel the others that measure the same quantity, with the relative sign (always +1 if the instrument
 /// reports amplitudes).
-pub fn twins(protocol: &Protocol) -> Vec<Vec<(usize, f64)>> {
+pub fn reciprocal(protocol: &Protocol) -> Vec<Vec<(usize, f64)>> {
     let keys: Vec<([usize; 4], f64)> = protocol.channels().iter().map(key).collect();
     let mut groups: HashMap<[usize; 4], Vec<usize>> = HashMap::new();
     for (channel, (key, _)) in keys.iter().enumerate() {
@@ -110,9 +111,12 @@ pub fn twins(protocol: &Protocol) -> Vec<Vec<(usize, f64)>> {
 /// The quantities of a protocol, each with the channels that measure it and their signs relative to the first one: a
 /// channel and its reciprocal ones.
 pub fn quantities(protocol: &Protocol) -> Vec<Vec<(usize, f64)>> {
-    let twins = twins(protocol);
-    let own = twins.into_iter().enumerate().filter(|(channel, twins)| twins.iter().all(|(other, _)| other > channel));
-    own.map(|(channel, twins)| std::iter::once((channel, 1.0)).chain(twins).collect()).collect()
+    let reciprocal = reciprocal(protocol);
+    let own = reciprocal
+        .into_iter()
+        .enumerate()
+        .filter(|(channel, reciprocal)| reciprocal.iter().all(|(other, _)| other > channel));
+    own.map(|(channel, reciprocal)| std::iter::once((channel, 1.0)).chain(reciprocal).collect()).collect()
 }
 
 /// A key that is equal for channels that measure the same quantity up to a sign, and that sign.
@@ -139,7 +143,7 @@ mod tests {
     use super::*;
 
     /// Drives 0 -> 2 and 2 -> 0 of a skin of four electrodes, each measured between 1 and 3, and a channel without a
-    /// twin.
+    /// reciprocal channel.
     fn protocol() -> Protocol {
         let channel = |drive, measure| Channel { drive, measure };
         let channels =
@@ -149,14 +153,14 @@ mod tests {
 
     #[test]
     fn twins_are_reversed_or_reciprocal_and_know_their_sign() {
-        let found = twins(&protocol());
+        let found = reciprocal(&protocol());
         assert_eq!(found[0], vec![(1, -1.0), (2, 1.0)]);
         assert_eq!(found[1], vec![(0, -1.0), (2, -1.0)]);
         assert!(found[3].is_empty());
-        let blind = twins(&protocol().with_amplitude_only(true));
+        let blind = reciprocal(&protocol().with_amplitude_only(true));
         assert_eq!(blind[1], vec![(0, 1.0), (2, 1.0)]);
-        // By reciprocity each of the paper's 870 values has exactly one twin.
-        assert!(twins(&Protocol::adjacent(30).unwrap()).iter().all(|twins| twins.len() == 1));
+        // By reciprocity each of the paper's 870 values has exactly one reciprocal channel.
+        assert!(reciprocal(&Protocol::adjacent(30).unwrap()).iter().all(|reciprocal| reciprocal.len() == 1));
     }
 
     #[test]
@@ -175,7 +179,7 @@ mod tests {
         let screening = |sd: [f64; 4]| Screening { disagreeing: Vec::new(), sd: sd.to_vec() };
         let untouched = Frame(vec![-1.0, 1.0, -2.0, -1.0]);
         let blind = protocol().with_amplitude_only(true);
-        // Channel 1 has the drive of channel 0 reversed; channel 2 exchanges drive and measure; channel 3 has no twin.
+        // Channel 1 has the drive of channel 0 reversed; channel 2 exchanges drive and measure; channel 3 has no reciprocal channel.
         assert_eq!(screening([1.0, 0.3, 1.2, 1.0]).polarity_blind(&blind, &untouched), vec![1]);
         assert_eq!(screening([0.3, 1.0, 0.4, 1.0]).polarity_blind(&blind, &untouched), vec![0, 2, 3]);
         let none: Vec<usize> = Vec::new();
