@@ -143,8 +143,7 @@ impl Detector {
         Detector { noise: Some(noise), ..self }
     }
 
-    /// The same detector for frames whose reciprocal channels tell their own noise: a contact in a frame with spikes is
-    /// less probable.
+    /// The same detector for frames whose reciprocal channels tell spikes of single channels, which are taken out.
     pub fn with_contradiction(self, contradiction: Contradiction) -> Self {
         Detector { contradiction: Some(Arc::new(contradiction)), ..self }
     }
@@ -155,25 +154,6 @@ impl Detector {
             Some(contradiction) => contradiction.without_spikes(difference),
             None => Cow::Borrowed(difference),
         }
-    }
-
-    /// The contacts in the image of a difference, ohm, as probable and as far above the noise as the noise of that very frame lets
-    /// them be.
-    ///
-    /// # Panics
-    /// As [`detect`](Self::detect).
-    pub(crate) fn detect_in(&self, difference: &[f64], image: &Image) -> Vec<(Contact, Circumstances)> {
-        let mut found = self.detect_under(image);
-        let variance = self.contradiction.as_ref().map_or(1.0, |contradiction| contradiction.variance(difference));
-        if variance > 1.0 {
-            for (contact, under) in &mut found {
-                let usual = not_noise(under.signal, image.values.len());
-                under.signal /= variance.sqrt();
-                let here = not_noise(under.signal, image.values.len());
-                contact.confidence *= if usual > 0.0 { here / usual } else { 0.0 };
-            }
-        }
-        found
     }
 
     /// The same detector for images of which nothing tells the noise: no contact is then more probable than not.

@@ -1,14 +1,10 @@
-//! How much more than noise the reciprocal channels of one frame contradict each other.
+//! Spikes of single channels, which the reciprocal channels of one frame tell.
 
 use crate::frame::reciprocal;
 use crate::protocol::Protocol;
 use crate::stats::rms;
 use std::borrow::Cow;
 
-/// Fewer pairs do not tell noise from chance.
-const MIN_PAIRS: usize = 8;
-/// The excess counts beyond this many standard deviations of what noise alone gives.
-const CHANCE_SD: f64 = 5.0;
 /// Two channels contradict each other beyond this many standard deviations of their difference, as in the checks of a live
 /// instrument.
 const SPIKE_SD: f64 = 8.0;
@@ -70,25 +66,6 @@ impl Contradiction {
         }
         Cow::Owned(repaired)
     }
-
-    /// The variance of the noise of a difference (ohm) over the usual one: 1 for noise, more where reciprocal channels contradict
-    /// each other. A value of exactly 0 is that of a channel that is masked, and says nothing.
-    ///
-    /// # Panics
-    /// If the difference has fewer values than there are channels.
-    pub fn variance(&self, difference: &[f64]) -> f64 {
-        let known = self.pairs.iter().filter(|(own, other, ..)| difference[*own] != 0.0 && difference[*other] != 0.0);
-        let square = |&(own, other, sign, weight): &(usize, usize, f64, f64)| {
-            weight * (difference[own] - sign * difference[other]).powi(2)
-        };
-        let (count, sum) = known.map(square).fold((0, 0.0), |(count, sum), square| (count + 1, sum + square));
-        if count < MIN_PAIRS {
-            return 1.0;
-        }
-        // The mean of so many squares of unit variance has this deviation.
-        let chance = CHANCE_SD * (2.0 / count as f64).sqrt();
-        1.0 + (sum / count as f64 - 1.0 - chance).max(0.0)
-    }
 }
 
 #[cfg(test)]
@@ -100,7 +77,7 @@ mod tests {
     use dermis_sim::random::{sample_rng, standard_normal};
 
     #[test]
-    fn spikes_are_noise_and_touches_and_masked_channels_are_not() {
+    fn spikes_are_taken_out_and_touches_are_not() {
         let design = SkinDesign::shipped("cylinder30").unwrap();
         let model = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
         let (protocol, rest) = (&design.protocol, model.rest_conductivity());
@@ -115,14 +92,6 @@ mod tests {
             let change = &model.solve(&touched).unwrap() - &untouched;
             let largest = change.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
             let touch = |channel: usize| 1000.0 / largest * change[channel];
-            let mut frame: Vec<f64> = (0..count).map(|channel| touch(channel) + standard_normal(&mut rng)).collect();
-            assert_eq!(contradiction.variance(&frame), 1.0, "cell {cell}");
-            frame[..100].fill(0.0);
-            assert_eq!(contradiction.variance(&frame), 1.0, "cell {cell}");
-            (0..29).for_each(|spike| frame[100 + 25 * spike] += 20.0);
-            // 29 squares of 20 among the differences of 370 to 435 pairs, and the two of noise.
-            let variance = contradiction.variance(&frame);
-            assert!((10.0..20.0).contains(&variance), "cell {cell}: {variance}");
             // Of the touch, spikes that are far smaller than it remain.
             let sum = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>();
             let noise: Vec<f64> = (0..count).map(|_| standard_normal(&mut rng)).collect();

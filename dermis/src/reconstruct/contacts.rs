@@ -50,7 +50,7 @@ impl dyn Reconstruct + '_ {
         if let Some(contacts) = self.contacts(difference)? {
             return Ok(contacts.into_iter().map(|contact| Detection { contact, signal: f64::INFINITY }).collect());
         }
-        let detected = search.detector.detect_in(difference, image);
+        let detected = search.detector.detect_under(image);
         let mut contacts: Vec<Contact> = detected.iter().map(|(contact, _)| *contact).collect();
         self.correct(difference, &mut contacts);
         let unseen = search.unseen.filter(|_| search.alone || !detected.is_empty());

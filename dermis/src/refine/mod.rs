@@ -10,10 +10,9 @@
 //! with `J` the derivative of the forward model, `rho` the density with integral 1, `u` and `v` the axes of the tangent plane.
 //! The unknowns of all touches minimise
 //!
-//! `|W (y - g)|^2 / (v + m^2 |W y|^2 / n) + sum of (1 + d) ln(1 + |x|^2 / s^2)`,
+//! `|W (y - g)|^2 / (1 + m^2 |W y|^2 / n) + sum of (1 + d) ln(1 + |x|^2 / s^2)`,
 //!
-//! with `W' W` the inverse covariance of noise and drift, `v` the variance of this frame's noise over the usual one by its
-//! reciprocal channels ([`Contradiction`]), `m` the part of the change that the model of a touch leaves
+//! with `W' W` the inverse covariance of noise and drift, `m` the part of the change that the model of a touch leaves
 //! unexplained, `n` the number of values, and for the logarithm of the width, the segment and the uneven tensor Student's
 //! distributions of one degree of freedom (`d` dimensions, scale `s`): most touches are round and even, some have any form.
 //! The number of touches is the most probable one, by Laplace's approximation of the probability of the frame (MacKay, 2003,
@@ -47,7 +46,6 @@ mod tests;
 
 use crate::contact::{Contact, GATE_M};
 use crate::design::Body;
-use crate::estimate::contradiction::Contradiction;
 use crate::forward::{ForwardError, ForwardModel};
 use crate::geom::Point3;
 use crate::mesh::Cells;
@@ -137,7 +135,6 @@ const VALUES_PER_UNKNOWN: usize = 4;
 #[derive(Debug, Clone)]
 pub struct Refiner {
     responses: Responses,
-    contradiction: Contradiction,
     options: RefineOptions,
 }
 
@@ -177,8 +174,7 @@ impl Refiner {
         if noise_ohm.len() != expected {
             return Err(RefineError::Length { got: noise_ohm.len(), expected });
         }
-        let contradiction = Contradiction::new(model.protocol(), noise_ohm);
-        Ok(Refiner { responses: Responses::new(body, model, noise_ohm, &options)?, contradiction, options })
+        Ok(Refiner { responses: Responses::new(body, model, noise_ohm, &options)?, options })
     }
 
     /// Whether contacts can be refined on a skin.
@@ -213,7 +209,7 @@ impl Refiner {
             return;
         }
         let square = crate::linalg::dot(&values, &values);
-        let weight = 1.0 / (self.contradiction.variance(difference) + self.options.misfit.powi(2) * square / count);
+        let weight = 1.0 / (1.0 + self.options.misfit.powi(2) * square / count);
         let fit = Fit { responses: &self.responses, options: &self.options, values: &values, weight };
         let start = |(index, contact): (usize, &Contact)| {
             Touch::at(self.responses.space().place(contact.position_m), Some(index))
