@@ -63,7 +63,7 @@ pub struct Quality {
     /// Mean error of labels that the map had not seen, m.
     pub mean_error_m: f64,
     /// By how many standard deviations such labels are nearer to their own frames' places than those of a random order;
-    /// `None` in a calibration of before this was stored.
+    /// `None` for too few labels, and in a calibration of before this was stored.
     pub evidence: Option<f64>,
     /// Mean relative error of the force of such labels, where it is located from the frame.
     pub force_error: Option<f64>,

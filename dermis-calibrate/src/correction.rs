@@ -83,7 +83,7 @@ pub struct CorrectionQuality {
     /// Mean error of labels that the correction had not seen, m.
     pub mean_error_m: f64,
     /// By how many standard deviations the labels are nearer to the strongest contacts of their own frames, without the
-    /// correction, than those of a random order; `None` in a correction of before this was stored.
+    /// correction, than those of a random order; `None` for too few labels, and in a correction of before this was stored.
     pub evidence: Option<f64>,
     /// Mean relative error of the force, where forces are known.
     pub force_error: Option<f64>,
@@ -137,7 +137,7 @@ impl Correction {
             found: found.len(),
             mean_error_before_m: mean(&before_m),
             mean_error_m: mean(&left_m),
-            evidence: Some(evidence),
+            evidence,
             force_error: force.as_ref().map(|(_, left)| relative_error(left)),
             force_spread: force.as_ref().map(|(_, left)| ratio_spread(left)),
         };
@@ -230,7 +230,7 @@ fn find(
     detector: &Detector,
     frames: &[Frame],
     labels: &[Label],
-) -> Result<(Vec<Found>, f64), CalibrateError> {
+) -> Result<(Vec<Found>, Option<f64>), CalibrateError> {
     let contacts = |label: &Label| {
         let mut contacts = method.contacts(&frames[label.row], detector).map_err(dermis::Error::from)?;
         contacts.retain(|contact| contact.strength > 0.0);

@@ -283,7 +283,7 @@ impl Validation {
             labels: labels.len(),
             unlabelled: self.unlabelled,
             mean_error_m: mean(&errors_m),
-            evidence: Some(evidence(&located_m, &labels_m, &folds(labels.len()))),
+            evidence: evidence(&located_m, &labels_m, &folds(labels.len())),
             force_error: ratios.as_deref().map(relative_error),
             force_spread: ratios.as_deref().map(ratio_spread),
         }

@@ -3,6 +3,7 @@
 use crate::calibration::{Calibration, Label, LabelFrame, Quality, check, check_positions};
 use crate::correction::{Correction, CorrectionQuality};
 use crate::error::CalibrateError;
+use crate::matching::MIN_EVIDENCE;
 use crate::strength::UnusedForces;
 use dermis::design::SkinDesign;
 use dermis::frame::Frame;
@@ -30,11 +31,6 @@ pub struct Alternatives {
     /// A method without calibration, and its mean error at the labels, where it finds all of them, m.
     pub uncalibrated: Option<(String, f64)>,
 }
-
-/// Labels with less [evidence](Quality::evidence) than this do not belong to their frames. The evidence of useless labels
-/// has a standard deviation of 1.56 (34 sets, `--test useless_labels`), not 1, since the maps of the folds share labels
-/// (Bengio and Grandvalet, 2004, JMLR 5, 1089); three of these are needed.
-const MIN_EVIDENCE: f64 = 3.0 * 1.56;
 
 impl Alternatives {
     /// Why a calibration is of no use, if so.

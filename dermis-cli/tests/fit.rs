@@ -136,8 +136,9 @@ fn contacts_are_found_without_a_baseline_and_with_their_sign() {
             |(at, of): &(f64, String)| ((at - angle + 180.0).rem_euclid(360.0) - 180.0).abs() < 15.0 && of == sign;
         assert!(found.iter().any(near), "{sign} at {angle} degrees in {found:?}");
     }
-    // Without --both-signs the files are as before.
-    at.good(&format!("contacts tank16 --frames {data}_objects.csv --baseline {data}_empty.csv -o c.jsonl"));
+    // Without --both-signs the files are as before, and the option is named.
+    let output = at.run(&format!("contacts tank16 --frames {data}_objects.csv --baseline {data}_empty.csv -o c.jsonl"));
+    assert!(output.status.success() && String::from_utf8_lossy(&output.stderr).contains("--both-signs"), "{output:?}");
     assert!(!std::fs::read_to_string(at.path("c.jsonl")).unwrap().contains("conductance"));
     println!("{:?}", signs("--baseline model --method noser"));
     let network = at.refused(&format!(

@@ -238,7 +238,7 @@ fn rows_that_end_before_the_tare_are_said() {
 #[test]
 fn objects_of_the_other_sign_are_named_once_and_touches_are_not() {
     let at = Workplace::empty();
-    let tank = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/tank");
+    let tank = concat!(env!("CARGO_MANIFEST_DIR"), "/../dermis-study/tank");
     let said_of = |name: &str, arguments: &str| {
         let output = at.run(&format!(
             "contacts tank16 --frames {tank}/{name}_objects.csv --baseline {tank}/{name}_empty.csv -o c.csv {arguments}"
