@@ -10,8 +10,8 @@ pub enum Target {
     Conductance,
     /// Every touch as a Gaussian of this standard deviation (m), its height the square root of the touch's size: the
     /// force of a press (N), the strength of a Gaussian touch (in cm2). The image is the square of the network's output
-    /// with its sign. For scale-free inputs ([`Input::scale_free`]), the height is the square root of the touch's
-    /// fraction of the total size of all touches, and the image is that times the frame's size.
+    /// with its sign. For scale-free inputs ([`Input::scale_free`](crate::Input::scale_free)), the height is the square root of
+    /// the touch's fraction of the total size of all touches, and the image is that times the frame's size.
     Touches {
         /// Standard deviation, m.
         width_m: f64,
