@@ -48,7 +48,7 @@ impl Failure {
 
 /// Refuses a file to be written in a folder that does not exist, before the work begins.
 pub fn check_folder(path: &Path) -> Outcome {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = dermis::files::folder_of(path);
     if folder.is_dir() {
         return Ok(());
     }

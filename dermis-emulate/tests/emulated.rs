@@ -4,13 +4,13 @@ use dermis::design::SkinDesign;
 use dermis::method::MethodSet;
 use dermis::pipeline::{ElectrodeState, Settings};
 use dermis::skin::Skin;
-use dermis_emulate::emulator::{Emulator, EmulatorOptions, Port, Script, TimedFault};
+use dermis_emulate::emulator::{Emulator, EmulatorOptions, Script, TimedFault};
 use dermis_live::device::Address;
 use dermis_live::{Event, Live, LiveFrame, LiveOptions, Popped, Pressable, sinks};
 use dermis_sim::twin::TwinOptions;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
-use std::net::{TcpListener, TcpStream};
+use std::net::TcpStream;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -39,10 +39,7 @@ fn emulate(script: &str, faults: &[&str]) -> Running {
         unpaced: false,
     };
     let emulator = Emulator::new(&design, options).unwrap();
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = Address::Tcp(listener.local_addr().unwrap().to_string());
-    let served = Arc::clone(&emulator);
-    std::thread::spawn(move || served.serve(Port::Tcp(listener)).unwrap());
+    let address = emulator.serve_locally().unwrap();
     Running { emulator, address }
 }
 

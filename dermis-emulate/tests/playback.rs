@@ -3,13 +3,11 @@
 use dermis::method::{MethodSet, Methods};
 use dermis::pipeline::{Command, Settings, TrackedContact};
 use dermis::skin::Skin;
-use dermis_emulate::emulator::{Emulator, EmulatorOptions, Port, Script};
-use dermis_live::device::Address;
+use dermis_emulate::emulator::{Emulator, EmulatorOptions, Script};
 use dermis_live::recording::{Player, Replay, Replayed};
 use dermis_live::recording::{RecordingLimits, RecordingSink};
 use dermis_live::{Event, Live, LiveOptions, Mailbox, Popped};
 use dermis_sim::twin::TwinOptions;
-use std::net::TcpListener;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -36,10 +34,7 @@ fn record(methods: &Arc<MethodSet>, path: &Path) {
         unpaced: false,
     };
     let emulator = Emulator::new(methods.skin().design(), options).unwrap();
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = Address::Tcp(listener.local_addr().unwrap().to_string());
-    let served = Arc::clone(&emulator);
-    std::thread::spawn(move || served.serve(Port::Tcp(listener)).unwrap());
+    let address = emulator.serve_locally().unwrap();
     let settings = Settings { method: Methods::REFINED.into(), ..Settings::default() };
     let options = LiveOptions { address, device: Default::default(), settings, state: None };
     let live = Live::start(Arc::clone(methods), options).unwrap();

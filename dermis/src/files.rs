@@ -100,7 +100,8 @@ impl NewFolder {
     }
 }
 
-fn folder_of(path: &Path) -> &Path {
+/// The folder that a file or folder lies in; `.` for a mere name.
+pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 

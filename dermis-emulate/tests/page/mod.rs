@@ -3,11 +3,9 @@
 use dermis::method::MethodSet;
 use dermis::pipeline::Settings;
 use dermis::skin::Skin;
-use dermis_emulate::emulator::{Emulator, EmulatorOptions, Port, Script, TimedFault};
-use dermis_live::device::Address;
+use dermis_emulate::emulator::{Emulator, EmulatorOptions, Script, TimedFault};
 use dermis_live::{Control, Live, LiveOptions, RecordingOptions};
 use dermis_sim::twin::TwinOptions;
-use std::net::TcpListener;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -30,10 +28,7 @@ pub fn live_with(folder: &Path, faults: Vec<TimedFault>) -> (Live, Arc<Control>,
         unpaced: false,
     };
     let emulator = Emulator::new(methods.skin().design(), options).unwrap();
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = Address::Tcp(listener.local_addr().unwrap().to_string());
-    let served = Arc::clone(&emulator);
-    std::thread::spawn(move || served.serve(Port::Tcp(listener)).unwrap());
+    let address = emulator.serve_locally().unwrap();
     let options = LiveOptions { address, device: Default::default(), settings: Settings::default(), state: None };
     let live = Live::start(Arc::new(methods), options).unwrap();
     live.begin();

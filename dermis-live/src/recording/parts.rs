@@ -3,6 +3,7 @@
 use crate::LiveFrame;
 use crate::recording::{RecordError, Recorder, Session, Written, event::Event};
 use crate::sinks::ros2::Reference;
+use dermis::files::folder_of;
 use dermis::pipeline::Timestamp;
 use std::collections::VecDeque;
 use std::ffi::OsString;
@@ -49,7 +50,7 @@ impl RecordingLimits {
         if path.exists() {
             return exists(path.into());
         }
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = folder_of(path);
         // A folder that cannot be read is an error of the first file.
         let Some(entries) = folder.read_dir().ok().filter(|_| self.splits()) else { return Ok(()) };
         let taken = entries.flatten().find(|entry| is_part(path, &entry.file_name().to_string_lossy()));
@@ -83,7 +84,7 @@ pub(super) type FreeSpace = fn(&Path) -> std::io::Result<u64>;
 
 /// Free space, as the system tells it.
 pub(super) fn free_space(path: &Path) -> std::io::Result<u64> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder_of(path);
     #[cfg(unix)]
     return Ok(rustix::fs::statvfs(folder).map(|disk| disk.f_bavail * disk.f_frsize)?);
     #[cfg(not(unix))]

@@ -19,7 +19,7 @@ pub use noise::ImageNoise;
 pub use spread::{Circumstances, Factor, Misplacement, PositionSpread, blur_share};
 
 use crate::contact::{ConductanceChange, Contact, GATE_M};
-use crate::estimate::contradiction::Contradiction;
+use crate::estimate::spikes::SpikeFilter;
 use crate::geom::Surface;
 use crate::geom::vector::{Point3, dot, normalize, scale, sub};
 use crate::image::Image;
@@ -127,8 +127,8 @@ pub struct Detector {
     positive: Option<ConductanceChange>,
     /// Whether nothing is known of the noise: no contact is then more probable than not.
     is_doubtful: bool,
-    /// What tells the noise of a single frame; `None` if it is not asked.
-    contradiction: Option<Arc<Contradiction>>,
+    /// Takes spikes of single channels out of differences.
+    spikes: Option<Arc<SpikeFilter>>,
 }
 
 impl Detector {
@@ -144,14 +144,14 @@ impl Detector {
     }
 
     /// The same detector for frames whose reciprocal channels tell spikes of single channels, which are taken out.
-    pub fn with_contradiction(self, contradiction: Contradiction) -> Self {
-        Detector { contradiction: Some(Arc::new(contradiction)), ..self }
+    pub fn with_spike_filter(self, filter: SpikeFilter) -> Self {
+        Detector { spikes: Some(Arc::new(filter)), ..self }
     }
 
     /// A difference, ohm, without spikes of single channels, if the reciprocal channels of a frame tell them.
     pub(crate) fn without_spikes<'a>(&self, difference: &'a [f64]) -> Cow<'a, [f64]> {
-        match &self.contradiction {
-            Some(contradiction) => contradiction.without_spikes(difference),
+        match &self.spikes {
+            Some(filter) => filter.apply(difference),
             None => Cow::Borrowed(difference),
         }
     }
@@ -420,16 +420,12 @@ fn white_centroid_variance_m2(image: &Image, inside: &[usize], floor: f64, sd: f
 /// - Position: the error is Gaussian with `sd_m` per axis, so it is less than r with probability
 ///   `1 - exp(-r^2 / (2 sd^2))`.
 fn confidence(height: f64, noise_sd: f64, highest: f64, sd_m: f64, pixel_count: usize) -> f64 {
-    let real = if noise_sd > 0.0 { not_noise(height / noise_sd, pixel_count) } else { 1.0 };
+    let false_alarm = if noise_sd > 0.0 { pixel_count as f64 * normal_tail(height / noise_sd) } else { 0.0 };
+    let real = 1.0 - false_alarm.min(1.0);
     // A fitted spot may be higher than any pixel.
     let main = 0.5 + 0.5 * (height / highest).min(1.0);
     let near = 1.0 - (-0.5 * (GATE_M / sd_m).powi(2)).exp();
     real * main * near
-}
-
-/// The probability that no pixel of white noise exceeds `z` standard deviations, at least.
-fn not_noise(z: f64, pixel_count: usize) -> f64 {
-    1.0 - (pixel_count as f64 * normal_tail(z)).min(1.0)
 }
 
 /// The probability that a standard normal variable exceeds `z >= 0`: `exp(-z^2 / 2) / 2` times a rational function

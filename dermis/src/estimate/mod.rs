@@ -1,8 +1,8 @@
 //! Estimation: what least squares, noise, scales, drift and whitening are, once for all that use them.
 
-pub mod contradiction;
 pub mod drift;
 pub mod least_squares;
 pub mod noise;
 pub mod scale;
+pub mod spikes;
 pub mod whitening;

@@ -136,14 +136,14 @@ impl ChannelNoise {
         if self.source == NoiseSource::Scatter || frames.is_empty() {
             return self;
         }
-        let reciprocal = reciprocal(protocol);
+        let partners = reciprocal(protocol);
         let steps: Vec<Vec<f64>> = frames
             .windows(2)
             .map(|pair| pair[1].iter().zip(pair[0].iter()).map(|(a, b)| (a - b) / 2f64.sqrt()).collect())
             .collect();
         for group in 0..2 {
             let channels = self.groups[group].clone();
-            let reciprocal: Vec<f64> = frames.iter().map(|frame| disagreement(&reciprocal, frame, &channels)).collect();
+            let reciprocal: Vec<f64> = frames.iter().map(|frame| disagreement(&partners, frame, &channels)).collect();
             // A difference has the noise of the single untouched frame, too.
             let reciprocal = upper_median(&reciprocal).unwrap_or(0.0) / 2f64.sqrt();
             let sizes = |step: &Vec<f64>| {
@@ -211,8 +211,8 @@ impl ChannelNoise {
 
     /// The noise of frames that do not scatter, from their mean.
     fn without_scatter(&mut self, mean: &[f64], protocol: &Protocol) {
-        let reciprocal = reciprocal(protocol);
-        let found = self.groups.each_ref().map(|group| disagreement(&reciprocal, mean, group));
+        let partners = reciprocal(protocol);
+        let found = self.groups.each_ref().map(|group| disagreement(&partners, mean, group));
         self.source = NoiseSource::Reciprocity;
         let [own, other] = found.map(|sd| Some(sd).filter(|sd| *sd > 0.0));
         let fallback = own.or(other).unwrap_or_else(|| {

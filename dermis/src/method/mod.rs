@@ -21,14 +21,13 @@ pub use set::MethodSet;
 
 use crate::contact::Contact;
 use crate::detect::Detector;
-use crate::estimate::contradiction::Contradiction;
 use crate::estimate::noise::{ChannelNoise, NoiseSource};
+use crate::estimate::spikes::SpikeFilter;
 use crate::frame::{Differences, Frame};
 use crate::image::Image;
 use crate::protocol::Protocol;
 use crate::reconstruct::{
-    AlphaRule, OneStep, OneStepOptions, Reconstruct, ReconstructError, Refined, WithoutChannels, image_noise,
-    image_noise_of,
+    AlphaRule, OneStep, OneStepOptions, Reconstruct, ReconstructError, Refined, WithoutChannels, image_noise_of,
 };
 use crate::refine::{RefineOptions, Refiner};
 use crate::skin::Skin;
@@ -218,20 +217,16 @@ impl Method {
         Ok(adapted.map_or_else(|| self.clone(), |reconstruct| Method { reconstruct, ..self.clone() }))
     }
 
-    /// The detector for its images, with their [noise](image_noise) in untouched frames, if there are any.
+    /// The detector for its images, with their [noise](crate::reconstruct::image_noise) in untouched frames, if there are any.
     ///
     /// # Errors
     /// A reconstruction that fails on a frame.
     pub fn detector(&self, untouched: &[Frame], protocol: &Protocol) -> Result<Detector, ReconstructError> {
         let detector = Detector::new(self.reconstruct.detection());
-        let detector = match ChannelNoise::of(untouched, protocol) {
-            Some(noise) => contradicted(detector, &noise, protocol),
-            None => detector,
-        };
-        Ok(match image_noise(self.reconstruct.as_ref(), untouched, protocol)? {
-            Some(noise) => detector.with_noise(noise),
-            None => detector,
-        })
+        match ChannelNoise::of(untouched, protocol) {
+            Some(noise) => self.with_noise(detector, &noise, untouched, protocol),
+            None => Ok(detector),
+        }
     }
 
     /// The detector for differences, with the noise that they and their untouched frames show. Where that is unknown, no contact
@@ -243,8 +238,22 @@ impl Method {
         let detector = Detector::new(self.reconstruct.detection());
         let Some(noise) = ChannelNoise::of_differences(differences, protocol) else { return Ok(detector) };
         let detector = if noise.source() == NoiseSource::Assumed { detector.with_doubt() } else { detector };
-        let detector = contradicted(detector, &noise, protocol);
-        Ok(match image_noise_of(self.reconstruct.as_ref(), &noise, &differences.rest())? {
+        self.with_noise(detector, &noise, &differences.rest(), protocol)
+    }
+
+    /// A detector that knows the noise of the channels in its images and, if untouched frames scatter, spikes of single ones.
+    fn with_noise(
+        &self,
+        detector: Detector,
+        noise: &ChannelNoise,
+        untouched: &[Frame],
+        protocol: &Protocol,
+    ) -> Result<Detector, ReconstructError> {
+        let detector = match noise.source() {
+            NoiseSource::Scatter => detector.with_spike_filter(SpikeFilter::new(protocol, noise.sd_ohm())),
+            NoiseSource::Reciprocity | NoiseSource::Frames | NoiseSource::Assumed => detector,
+        };
+        Ok(match image_noise_of(self.reconstruct.as_ref(), noise, untouched)? {
             Some(noise) => detector.with_noise(noise),
             None => detector,
         })
@@ -391,14 +400,6 @@ impl Methods {
 /// Whether the name of a method is the path of a folder: it contains a path separator.
 pub fn is_path(name: &str) -> bool {
     name.contains(std::path::is_separator)
-}
-
-/// A detector that asks the reciprocal channels of each frame, if the scatter of other frames tells their usual noise.
-fn contradicted(detector: Detector, noise: &ChannelNoise, protocol: &Protocol) -> Detector {
-    match noise.source() {
-        NoiseSource::Scatter => detector.with_contradiction(Contradiction::new(protocol, noise.sd_ohm())),
-        NoiseSource::Reciprocity | NoiseSource::Frames | NoiseSource::Assumed => detector,
-    }
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Checks of a frame before it is used: what an instrument that works cannot send.
 
+use crate::estimate::spikes::{MAX_UNLIKE, UNLIKE_NOISES, contradict};
 use crate::pipeline::condition::PartMonitor;
 use crate::pipeline::electrodes::{ElectrodeMonitor, ElectrodeTopology, OPEN};
 use crate::pipeline::frame::Measurement;
@@ -32,17 +33,11 @@ const NOISY_FRAMES: u32 = 3;
 /// tell, and the part of the jumps from which on their differences are noise.
 const MIN_PAIRS: usize = 8;
 const UNLIKE_JUMPS: f64 = 0.5;
-/// Reciprocal channels change alike, by the reciprocity theorem. A difference of their changes is a fault of one of them
-/// if it exceeds this many times the noise and a thousandth of their values, and this part of the larger of the two and of
-/// the root mean square change of all channels. (A touch that moves between the two measurements, and the errors of a
-/// real tank, are smaller.)
-const UNLIKE_NOISES: f64 = 8.0;
+/// Reciprocal channels that [contradict] each other are a fault of one of them, if their difference also exceeds this part of
+/// their values.
 const UNLIKE_VALUE: f64 = 1e-3;
-const UNLIKE_CHANGE: f64 = 0.5;
 /// It has to last for so many frames: a touch can begin between the two measurements.
 const UNLIKE_FRAMES: u32 = 6;
-/// More pairs at once are no fault of single channels: a drive of the paper's skin is in 7 % of them.
-const MAX_UNLIKE: f64 = 0.1;
 /// Median of the absolute value of a standard normal deviate.
 const NORMAL_MEDIAN: f64 = 0.674_489_75;
 /// Frames with the time of the frame before after which the clock is faulty. (Rows of a file may share a time.)
@@ -247,9 +242,7 @@ impl InstrumentMonitor {
         let is_unlike = |(&[a, b], limit_ohm): (&[usize; 2], &f64)| {
             let is_judged = [a, b].iter().all(|&channel| !unjudged[channel])
                 && self.channels[a].is_masked() == self.channels[b].is_masked();
-            let largest_ohm = change_ohm[a].abs().max(change_ohm[b].abs()).max(usual_ohm);
-            let apart_ohm = (change_ohm[a] - change_ohm[b]).abs();
-            is_judged && apart_ohm > limit_ohm.max(UNLIKE_CHANGE * largest_ohm)
+            is_judged && contradict([change_ohm[a], change_ohm[b]], *limit_ohm, usual_ohm)
         };
         let pairs = topology.reciprocal_pairs();
         let unlike: Vec<bool> = pairs.iter().zip(&self.unlike_ohm).map(is_unlike).collect();
