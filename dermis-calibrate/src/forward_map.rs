@@ -26,11 +26,11 @@ const ITERATIONS: usize = 30;
 #[derive(Debug, Clone)]
 pub(crate) struct Samples {
     /// Values in units of the channels, presses x channels.
-    pub values: Mat<f64>,
+    pub(crate) values: Mat<f64>,
     /// The press of each row.
-    pub inputs: Vec<PressInput>,
+    pub(crate) inputs: Vec<PressInput>,
     /// Variance of each position per axis, m2; 0 for measured ones.
-    pub position_variance_m2: Vec<f64>,
+    pub(crate) position_variance_m2: Vec<f64>,
 }
 
 impl Samples {
@@ -63,10 +63,10 @@ impl Samples {
 /// the matrix that makes them white.
 #[derive(Debug, Clone)]
 pub(crate) struct Hyperparameters {
-    pub covariance: Covariance,
-    pub extent: Extent,
+    pub(crate) covariance: Covariance,
+    pub(crate) extent: Extent,
     /// Channels x components; whitened values are `values * whitening`.
-    pub whitening: Mat<f64>,
+    pub(crate) whitening: Mat<f64>,
 }
 
 impl Hyperparameters {
@@ -95,13 +95,13 @@ impl Hyperparameters {
 /// The forward map given samples: the mean response at any press, of all channels or of whitened components.
 #[derive(Debug, Clone)]
 pub(crate) struct ForwardMap {
-    pub covariance: Covariance,
-    pub extent: Extent,
-    pub inputs: Vec<PressInput>,
+    pub(crate) covariance: Covariance,
+    pub(crate) extent: Extent,
+    pub(crate) inputs: Vec<PressInput>,
     /// Mean of the samples.
-    pub mean: Vec<f64>,
+    pub(crate) mean: Vec<f64>,
     /// `K^-1 (values - mean)`; presses x channels or components.
-    pub weights: Mat<f64>,
+    pub(crate) weights: Mat<f64>,
 }
 
 impl ForwardMap {

@@ -15,11 +15,11 @@ use faer::Mat;
 /// force.
 #[derive(Debug, Clone)]
 pub(crate) struct Setup {
-    pub region: Region,
+    pub(crate) region: Region,
     /// The untouched frame, in units of the channels, with late channels predicted as in single frames.
-    pub untouched: Vec<f64>,
+    pub(crate) untouched: Vec<f64>,
     /// `None` where all presses count as equally strong.
-    pub strength: Option<Strength>,
+    pub(crate) strength: Option<Strength>,
 }
 
 /// A forward map with its response at every node of a region.
@@ -43,7 +43,7 @@ pub(crate) struct Locator {
     /// Variance of the residuals at the nodes: that of the noise, 1, and that of the map.
     variances: Vec<f64>,
     /// Exponent of the likelihood: below 1 where residuals are less independent than their covariance states.
-    pub temperature: f64,
+    pub(crate) temperature: f64,
 }
 
 impl Locator {

@@ -12,6 +12,7 @@ mod channels;
 mod check_page;
 mod command;
 mod console;
+mod described;
 mod emulated;
 mod failure;
 mod fitted;
@@ -27,11 +28,11 @@ mod skin;
 mod source;
 mod training;
 
+pub use described::{DescribedArgument, DescribedCommand};
 pub use failure::CommandError;
 pub use training::TrainingRun;
 
 use clap::{CommandFactory, Parser};
-use std::collections::BTreeMap;
 use std::ffi::OsString;
 
 /// Electrical resistance tomography (ERT) skins for robots: design, simulation, reconstruction, live contacts.
@@ -53,23 +54,11 @@ fn program() -> clap::Command {
     Arguments::command()
 }
 
-/// The options of each command by name, and the values that they take: `none`, `one`, `optional` (none or one),
-/// `several`, or `repeated` (one each time that the option is given).
-pub fn options() -> BTreeMap<String, BTreeMap<String, &'static str>> {
-    let takes = |option: &clap::Arg| match (option.get_action(), option.get_num_args()) {
-        (action, _) if !action.takes_values() => "none",
-        (_, Some(values)) if values.max_values() > 1 => "several",
-        (_, Some(values)) if values.min_values() == 0 => "optional",
-        (clap::ArgAction::Append, _) => "repeated",
-        _ => "one",
-    };
+/// The commands with their arguments.
+pub fn commands() -> Vec<DescribedCommand> {
     let mut program = program();
     program.build();
-    let of_command = |command: &clap::Command| {
-        let named = command.get_arguments().filter_map(|option| Some((option.get_long()?.to_string(), takes(option))));
-        named.collect()
-    };
-    program.get_subcommands().map(|command| (command.get_name().to_string(), of_command(command))).collect()
+    program.get_subcommands().filter(|command| command.get_name() != "help").map(DescribedCommand::of).collect()
 }
 
 /// Runs the program with its arguments, the first of which is its name; returns the exit code. Help and wrong arguments

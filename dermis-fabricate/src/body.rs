@@ -12,15 +12,15 @@ use std::path::Path;
 #[derive(Debug, Clone)]
 pub struct BodyMesh {
     /// Nodes, m.
-    pub nodes: Vec<Point3>,
+    pub(crate) nodes: Vec<Point3>,
     /// Triangles, as indices of nodes.
-    pub triangles: Vec<[usize; 3]>,
+    pub(crate) triangles: Vec<[usize; 3]>,
     /// Outward unit normal at each node: the mean of those of its triangles, weighted by their angles.
-    pub normals: Vec<Point3>,
+    pub(crate) normals: Vec<Point3>,
     /// Edges of one triangle, in its direction.
-    pub boundary: Vec<[usize; 2]>,
+    pub(crate) boundary: Vec<[usize; 2]>,
     /// Angle that is missing to a full turn at each node, rad: its Gaussian curvature; 0 on the boundary.
-    pub defects_rad: Vec<f64>,
+    pub(crate) defects_rad: Vec<f64>,
     tree: TriangleTree,
 }
 

@@ -31,11 +31,11 @@ impl OutputFile {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
     /// Name of the design.
-    pub design: String,
+    pub(crate) design: String,
     /// SHA-256 of the skin (body, electrodes and protocol), hexadecimal: devices and models report the same.
-    pub skin_sha256: String,
+    pub(crate) skin_sha256: String,
     /// Version of the program.
-    pub dermis_version: String,
+    pub(crate) dermis_version: String,
     /// What the builder must know: bores that are not at their electrode, strains, parts that are left out.
     pub notes: Vec<String>,
     /// The files, in the order of their kinds.
@@ -50,9 +50,9 @@ pub struct ManifestEntry {
     /// What it is for.
     pub purpose: String,
     /// Its size, bytes.
-    pub bytes: u64,
+    pub(crate) bytes: u64,
     /// SHA-256 of its content, hexadecimal.
-    pub sha256: String,
+    pub(crate) sha256: String,
 }
 
 impl Manifest {

@@ -18,17 +18,17 @@ pub struct Fabrication {
     /// The design.
     pub design: SkinDesign,
     /// Sizes of the parts: the design's, or the default.
-    pub options: FabricationOptions,
+    pub(crate) options: FabricationOptions,
     /// The electrodes with their bores, in the order of their numbers.
-    pub electrodes: Vec<FabricatedElectrode>,
+    pub(crate) electrodes: Vec<FabricatedElectrode>,
     /// The surface of a body from a mesh file.
-    pub body_mesh: Option<BodyMesh>,
+    pub(crate) body_mesh: Option<BodyMesh>,
     /// The chart of the coat, cut open at the seam; `None` for a body from a mesh file.
-    pub chart: Option<Chart>,
+    pub(crate) chart: Option<Chart>,
     /// The edge of the unrolled coat; `None` for a body from a mesh file.
-    pub coat: Option<Outline>,
+    pub(crate) coat: Option<Outline>,
     /// The fabric patches.
-    pub patches: Vec<Patch>,
+    pub(crate) patches: Vec<Patch>,
     /// What is made once and used by several outputs.
     base: OnceLock<Solid>,
     electrical: OnceLock<Electrical>,
@@ -38,30 +38,30 @@ pub struct Fabrication {
 #[derive(Debug, Clone, PartialEq)]
 pub struct FabricatedElectrode {
     /// Its number, from 0.
-    pub number: usize,
+    pub(crate) number: usize,
     /// Its label on drawings and tables: `E0`, `E1`, ...; as many digits as the largest number has.
-    pub label: String,
+    pub(crate) label: String,
     /// Its centre on the coat, m.
-    pub centre_m: Point3,
+    pub(crate) centre_m: Point3,
     /// The outward unit normal at its centre.
-    pub normal: Point3,
+    pub(crate) normal: Point3,
     /// Its shape.
-    pub shape: ElectrodeShape,
+    pub(crate) shape: ElectrodeShape,
     /// Its bore.
-    pub bore: Bore,
+    pub(crate) bore: Bore,
 }
 
 /// A round hole through the wall along the normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bore {
     /// The place of its axis on the coat's surface, m.
-    pub centre_m: Point3,
+    pub(crate) centre_m: Point3,
     /// The outward unit normal there: the direction of the axis.
-    pub normal: Point3,
+    pub(crate) normal: Point3,
     /// Its diameter, m.
-    pub diameter_m: f64,
+    pub(crate) diameter_m: f64,
     /// Distance from the electrode's centre, m: not 0 where the electrode is too close to the edge of the base.
-    pub moved_m: f64,
+    pub(crate) moved_m: f64,
 }
 
 impl Fabrication {

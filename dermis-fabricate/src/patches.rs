@@ -10,16 +10,16 @@ use dermis::geom::{Chart, Point3, Surface};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Patch {
     /// Its label: `R0C0` in row 0 and column 0, `P0` on a body from a mesh file.
-    pub label: String,
+    pub(crate) label: String,
     /// Its outline: on the unrolled coat, or round the origin on a body from a mesh file, where each is laid on by itself.
-    pub outline: Outline,
+    pub(crate) outline: Outline,
     /// The point of the surface below its middle, m.
-    pub centre_m: Point3,
+    pub(crate) centre_m: Point3,
     /// The outward unit normal there.
-    pub normal: Point3,
+    pub(crate) normal: Point3,
     /// Relative change of length round its edge when it is laid on the body: 0 where the body unrolls, otherwise that of
     /// a disc by the curvature below it.
-    pub strain: f64,
+    pub(crate) strain: f64,
 }
 
 /// The patches of a skin.

@@ -48,15 +48,15 @@ impl Card {
 #[serde(deny_unknown_fields)]
 pub struct SkinRecord {
     /// The design's name.
-    pub design: String,
+    pub(crate) design: String,
     /// The mesh's fingerprint, [`Mesh::hash`](dermis::mesh::Mesh::hash).
-    pub mesh: String,
+    pub(crate) mesh: String,
     /// SHA-256 of the protocol as a channel table.
-    pub protocol_sha256: String,
+    pub(crate) protocol_sha256: String,
     /// Values of a frame.
-    pub channels: usize,
+    pub(crate) channels: usize,
     /// Values of an image.
-    pub pixels: usize,
+    pub(crate) pixels: usize,
 }
 
 /// A dataset that a model was trained on.
@@ -64,9 +64,9 @@ pub struct SkinRecord {
 #[serde(deny_unknown_fields)]
 pub struct DataRecord {
     /// The dataset's identity.
-    pub identity: String,
+    pub(crate) identity: String,
     /// The distributions of its samples: a recipe, as its TOML file has it.
-    pub recipe: serde_json::Value,
+    pub(crate) recipe: serde_json::Value,
 }
 
 /// The record of a training.

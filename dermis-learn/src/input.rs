@@ -11,17 +11,17 @@ use std::collections::HashMap;
 #[serde(deny_unknown_fields)]
 pub struct Input {
     /// For each input the channels that are averaged; an input without a channel is zero, like one at its mean.
-    pub channels: Vec<Vec<usize>>,
+    pub(crate) channels: Vec<Vec<usize>>,
     /// The offset subtracted from each input, ohm: its mean over the training set.
-    pub mean_ohm: Vec<f32>,
+    pub(crate) mean_ohm: Vec<f32>,
     /// The divisor of each input, ohm: its standard deviation over the training set; for scale-free inputs a robust
     /// estimate (1.4826 times the median of the absolute values).
-    pub sd_ohm: Vec<f32>,
+    pub(crate) sd_ohm: Vec<f32>,
     /// Whether the inputs are scale-free: no offset is subtracted, all inputs are divided by their root mean square,
     /// and the image is multiplied by it. Then a multiple of a difference gives the same multiple of the image, for any
     /// unit of the instrument.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub scale_free: bool,
+    pub(crate) scale_free: bool,
 }
 
 /// Ratio of the standard deviation of a normal distribution to its median absolute value.

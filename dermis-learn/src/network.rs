@@ -52,13 +52,13 @@ pub enum LayerSpec {
 #[serde(deny_unknown_fields)]
 pub struct RefinementSpec {
     /// Number of rows of the image.
-    pub rows: usize,
+    pub(crate) rows: usize,
     /// Number of columns.
-    pub columns: usize,
+    pub(crate) columns: usize,
     /// Whether the last column is adjacent to the first.
-    pub is_ring: bool,
+    pub(crate) is_ring: bool,
     /// Number of channels of the input, and after each convolution; the last is 1.
-    pub channels: Vec<usize>,
+    pub(crate) channels: Vec<usize>,
 }
 
 impl Architecture {
@@ -177,8 +177,8 @@ pub struct Network {
 /// A layer on vectors.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Layer {
-    pub kind: Kind,
-    pub relu: bool,
+    pub(crate) kind: Kind,
+    pub(crate) relu: bool,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -190,21 +190,21 @@ pub(crate) enum Kind {
 /// `y = b + x W`.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Dense {
-    pub inputs: usize,
-    pub outputs: usize,
+    pub(crate) inputs: usize,
+    pub(crate) outputs: usize,
     /// Row-major, inputs x outputs.
-    pub weight: Vec<f32>,
-    pub bias: Vec<f32>,
+    pub(crate) weight: Vec<f32>,
+    pub(crate) bias: Vec<f32>,
 }
 
 /// `y = scale (x - mean) / sqrt(variance + epsilon) + shift`.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct BatchNorm {
-    pub scale: Vec<f32>,
-    pub shift: Vec<f32>,
+    pub(crate) scale: Vec<f32>,
+    pub(crate) shift: Vec<f32>,
     /// Over the batches so far, exponentially weighted.
-    pub mean: Vec<f32>,
-    pub variance: Vec<f32>,
+    pub(crate) mean: Vec<f32>,
+    pub(crate) variance: Vec<f32>,
 }
 
 impl BatchNorm {
@@ -217,28 +217,28 @@ impl BatchNorm {
 /// Convolutions that refine an image.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Refinement {
-    pub shape: Shape,
-    pub convolutions: Vec<Convolution>,
+    pub(crate) shape: Shape,
+    pub(crate) convolutions: Vec<Convolution>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Convolution {
     /// Input and output channels.
-    pub channels: [usize; 2],
+    pub(crate) channels: [usize; 2],
     /// `[tap][input channel][output channel]`.
-    pub weight: Vec<f32>,
-    pub bias: Vec<f32>,
+    pub(crate) weight: Vec<f32>,
+    pub(crate) bias: Vec<f32>,
 }
 
 /// One tensor of a network.
 #[derive(Debug)]
 pub struct Tensor<T> {
     /// "trunk.0.weight".
-    pub name: String,
+    pub(crate) name: String,
     /// Sizes, row-major.
-    pub shape: Vec<usize>,
+    pub(crate) shape: Vec<usize>,
     /// Whether it is trained by gradient descent; the others are moving averages.
-    pub is_learned: bool,
+    pub(crate) is_learned: bool,
     /// Its values.
     pub values: T,
 }

@@ -153,13 +153,13 @@ pub(crate) fn draw_mark(picture: &mut Picture, [x, y]: Place, radius: f64, mark:
 pub(crate) struct Axis<'a> {
     /// Limits of the axis, the larger one first on a linear axis that counts backwards; their common logarithms on a
     /// logarithmic axis.
-    pub range: [f64; 2],
+    pub(crate) range: [f64; 2],
     /// Whether the axis is logarithmic.
-    pub logarithmic: bool,
+    pub(crate) logarithmic: bool,
     /// The label, with its unit.
-    pub label: &'a str,
+    pub(crate) label: &'a str,
     /// Approximate number of ticks.
-    pub wanted: usize,
+    pub(crate) wanted: usize,
 }
 
 impl Axis<'_> {

@@ -9,11 +9,11 @@ use dermis::geom::vector::{cross, normalize, sub};
 #[derive(Debug, Clone)]
 pub(crate) struct Tile {
     /// Corners, m.
-    pub corners: Vec<Point3>,
+    pub(crate) corners: Vec<Point3>,
     /// Its colour.
-    pub fill: Colour,
+    pub(crate) fill: Colour,
     /// Colour of its outline, if any.
-    pub edge: Option<Colour>,
+    pub(crate) edge: Option<Colour>,
 }
 
 impl Tile {
@@ -27,26 +27,26 @@ impl Tile {
 #[derive(Debug, Clone)]
 pub(crate) struct Stroke {
     /// Its ends, m.
-    pub ends: [Point3; 2],
+    pub(crate) ends: [Point3; 2],
     /// Outward normal at its position.
-    pub normal: Point3,
+    pub(crate) normal: Point3,
     /// Its colour.
-    pub colour: Colour,
+    pub(crate) colour: Colour,
     /// Its width, pixels.
-    pub width: f64,
+    pub(crate) width: f64,
 }
 
 /// A round mark on the skin.
 #[derive(Debug, Clone)]
 pub(crate) struct Dot {
     /// Position, m.
-    pub at: Point3,
+    pub(crate) at: Point3,
     /// Outward normal at its position.
-    pub normal: Point3,
+    pub(crate) normal: Point3,
     /// Its radius, pixels.
-    pub radius: f64,
+    pub(crate) radius: f64,
     /// Its shape and colour.
-    pub mark: Mark,
+    pub(crate) mark: Mark,
 }
 
 /// A shape of round mark, for dots and for the legend.
@@ -70,17 +70,17 @@ pub(crate) enum Mark {
 #[derive(Debug, Clone)]
 pub(crate) struct Label {
     /// Position, m.
-    pub at: Point3,
+    pub(crate) at: Point3,
     /// Outward normal at its position.
-    pub normal: Point3,
+    pub(crate) normal: Point3,
     /// Its text.
-    pub text: String,
+    pub(crate) text: String,
     /// Extent of the labelled object from there, m.
-    pub reach_m: f64,
+    pub(crate) reach_m: f64,
     /// Its position.
-    pub position: LabelPosition,
+    pub(crate) position: LabelPosition,
     /// Text size, pixels.
-    pub size: f64,
+    pub(crate) size: f64,
 }
 
 /// The position of a label relative to its object.

@@ -33,11 +33,11 @@ static FONTS: LazyLock<Arc<usvg::fontdb::Database>> = LazyLock::new(|| {
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Style {
     /// Colour inside.
-    pub fill: Option<Colour>,
+    pub(crate) fill: Option<Colour>,
     /// Colour and width of the outline, pixels.
-    pub stroke: Option<(Colour, f64)>,
+    pub(crate) stroke: Option<(Colour, f64)>,
     /// Length of dashes, pixels.
-    pub dash: Option<f64>,
+    pub(crate) dash: Option<f64>,
 }
 
 impl Style {
@@ -91,15 +91,15 @@ pub(crate) enum Anchor {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Text {
     /// Font size, pixels.
-    pub size: f64,
+    pub(crate) size: f64,
     /// Colour.
-    pub colour: Colour,
+    pub(crate) colour: Colour,
     /// The anchor.
-    pub anchor: Anchor,
+    pub(crate) anchor: Anchor,
     /// Rotated by 90 degrees, to be read upwards.
-    pub upwards: bool,
+    pub(crate) upwards: bool,
     /// A white outline, for text on images.
-    pub rim: bool,
+    pub(crate) rim: bool,
 }
 
 impl Text {

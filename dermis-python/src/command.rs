@@ -2,7 +2,6 @@
 
 use crate::failure::Outcome;
 use pyo3::prelude::*;
-use std::collections::BTreeMap;
 use std::ffi::OsString;
 
 /// Runs the program `dermis` with its arguments; returns the exit code.
@@ -17,9 +16,8 @@ pub fn run_command(py: Python<'_>, arguments: Vec<OsString>) -> Outcome<()> {
     Ok(py.detach(|| dermis_cli::try_run(arguments))?)
 }
 
-/// The options of each command by name, and the values that they take: `none`, `one`, `optional`, `several`,
-/// or `repeated`.
+/// The commands of the program with their arguments, JSON.
 #[pyfunction]
-pub fn command_options() -> BTreeMap<String, BTreeMap<String, &'static str>> {
-    dermis_cli::options()
+pub fn commands_json() -> String {
+    serde_json::to_string(&dermis_cli::commands()).expect("names and texts are JSON")
 }

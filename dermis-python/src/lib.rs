@@ -28,7 +28,7 @@ mod _dermis {
     #[pymodule_export]
     use super::calibration::Calibration;
     #[pymodule_export]
-    use super::command::{command_options, run_command, run_program};
+    use super::command::{commands_json, run_command, run_program};
     #[pymodule_export]
     use super::contacts::contact_columns;
     #[pymodule_export]

@@ -19,15 +19,15 @@ use std::sync::Arc;
 /// A method with its name in tables and pictures.
 pub(crate) struct Named {
     /// Its identifier, also used in file names: "noser".
-    pub key: String,
+    pub(crate) key: String,
     /// Its name in tables and pictures: "linear, NOSER".
-    pub name: String,
+    pub(crate) name: String,
     /// The method.
-    pub method: Method,
+    pub(crate) method: Method,
     /// The card of a network.
-    pub card: Option<Card>,
+    pub(crate) card: Option<Card>,
     /// Identifies the method among others of the same name: its alpha or its weights.
-    pub identity: String,
+    pub(crate) identity: String,
 }
 
 /// The linear methods of the paper, by their names in the registry and in tables: NOSER, and the Laplace prior, which
@@ -103,17 +103,17 @@ pub(crate) fn shipped_networks(skin: &Skin) -> Result<Vec<Named>> {
 /// The results of one method on some presses.
 pub(crate) struct Shown {
     /// The method's name in tables and pictures.
-    pub name: String,
+    pub(crate) name: String,
     /// The same with its alpha, if any.
-    pub how: String,
+    pub(crate) how: String,
     /// The image of each frame.
-    pub images: Vec<Image>,
+    pub(crate) images: Vec<Image>,
     /// Quantity of their values.
-    pub quantity: Quantity,
+    pub(crate) quantity: Quantity,
     /// The detected contacts of each image.
-    pub contacts: Vec<Vec<Contact>>,
+    pub(crate) contacts: Vec<Vec<Contact>>,
     /// The score.
-    pub score: Score,
+    pub(crate) score: Score,
 }
 
 impl Shown {

@@ -14,9 +14,9 @@ use dermis_sim::evaluate::match_contacts;
 /// A skin for pictures of experiments.
 pub(crate) struct Plots<'a> {
     /// The skin.
-    pub design: &'a SkinDesign,
+    pub(crate) design: &'a SkinDesign,
     /// Its mesh.
-    pub mesh: &'a Mesh,
+    pub(crate) mesh: &'a Mesh,
     drawing: Drawing<'a>,
 }
 

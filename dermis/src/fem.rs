@@ -12,11 +12,11 @@ use crate::mesh::{Cells, Mesh};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gradients {
     /// One gradient per corner, 1/m; a triangle's lie in its plane and the last is unused (zero).
-    pub of_corner: [Point3; 4],
+    pub(crate) of_corner: [Point3; 4],
     /// Number of corners: 3 or 4.
-    pub corner_count: usize,
+    pub(crate) corner_count: usize,
     /// Area, m2, or volume, m3.
-    pub measure: f64,
+    pub(crate) measure: f64,
 }
 
 impl Gradients {

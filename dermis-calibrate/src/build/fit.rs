@@ -59,29 +59,29 @@ pub(super) struct Model {
 #[derive(Debug, Clone)]
 pub(super) struct Fit {
     /// The faults, with their sizes.
-    pub faults: Vec<Fault>,
+    pub(crate) faults: Vec<Fault>,
     /// The unknowns of the skin.
-    pub x: Vec<f64>,
+    pub(crate) x: Vec<f64>,
     /// Logarithm of the probability of the frame.
     log_evidence: f64,
     /// Channels without open electrodes.
     used: usize,
     /// Root mean square of residuals and unknowns over what is expected: 1 for a skin that the model describes.
-    pub misfit: f64,
+    pub(crate) misfit: f64,
     /// What the fit leaves of each channel, in standard deviations; 0 for those of open electrodes.
-    pub residuals: Vec<f64>,
+    pub(crate) residuals: Vec<f64>,
     /// The impedances of the skin without faults of the wires, ohm.
-    pub impedance: Matrix,
+    pub(crate) impedance: Matrix,
     /// The derivatives of the channels.
-    pub linear: Linear,
+    pub(crate) linear: Linear,
 }
 
 /// The derivatives of the weighted channels, channels x unknowns, and the normal matrix `1 + A'A` with its factor.
 #[derive(Debug, Clone)]
 pub(super) struct Linear {
-    pub a: Matrix,
+    pub(crate) a: Matrix,
     normal: Matrix,
-    pub factor: Cholesky,
+    pub(crate) factor: Cholesky,
 }
 
 impl Model {

@@ -171,15 +171,15 @@ const NOISE_STREAM: u64 = 1 << 60;
 /// The readings of a frame that a fault changes.
 pub(super) struct FaultyReadings<'a> {
     /// The readings, counts.
-    pub counts: &'a mut [i32],
+    pub(crate) counts: &'a mut [i32],
     /// Their meaning.
-    pub roles: &'a [Role],
+    pub(crate) roles: &'a [Role],
     /// The highest count.
-    pub full_scale: i32,
+    pub(crate) full_scale: i32,
     /// Seed and number of the frame, for noise.
-    pub seed: u64,
+    pub(crate) seed: u64,
     /// Number of the frame.
-    pub index: u64,
+    pub(crate) index: u64,
 }
 
 impl ReadingFault {

@@ -13,17 +13,17 @@ use dermis_sim::twin::electronics::{ElectronicsOptions, SettlingPlan};
 #[derive(Debug, Clone)]
 pub struct Electrical {
     /// The mesh of the model.
-    pub mesh: Mesh,
+    pub(crate) mesh: Mesh,
     /// The electronics.
-    pub electronics: ElectronicsOptions,
+    pub(crate) electronics: ElectronicsOptions,
     /// The skin between its electrodes.
-    pub network: ElectrodeNetwork,
+    pub(crate) network: ElectrodeNetwork,
     /// The place of each electrode on the multiplexers.
-    pub places: Vec<MultiplexerInput>,
+    pub(crate) places: Vec<MultiplexerInput>,
     /// Multiplexers on each line.
-    pub multiplexers: usize,
+    pub(crate) multiplexers: usize,
     /// The readings, in the order of the scan table.
-    pub readings: Vec<Reading>,
+    pub(crate) readings: Vec<Reading>,
 }
 
 /// A reading of the untouched skin.

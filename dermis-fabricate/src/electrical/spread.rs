@@ -46,11 +46,11 @@ impl Value {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sensitivities {
     /// The transfer resistance.
-    pub ohm: f64,
+    pub(crate) ohm: f64,
     /// By the logarithm of the sheet resistance.
-    pub by_sheet: f64,
+    pub(crate) by_sheet: f64,
     /// By the logarithm of the contact impedance of each electrode.
-    pub by_contacts: Vec<f64>,
+    pub(crate) by_contacts: Vec<f64>,
 }
 
 /// A drive's current through the source, the reference resistor, two switches and the skin.

@@ -20,37 +20,37 @@ use std::fmt::Write as _;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layer {
     /// Its name in the files.
-    pub name: &'static str,
+    pub(crate) name: &'static str,
     /// Its colour: red, green, blue, and the number of the similar one of a DXF file.
-    pub colour: ([u8; 3], u8),
+    pub(crate) colour: ([u8; 3], u8),
     /// Paths to be cut or drawn, m.
-    pub outlines: Vec<Outline>,
+    pub(crate) outlines: Vec<Outline>,
 }
 
 /// A text beside an outline, in the layer `LABELS`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Label {
     /// Left end of its base line, m.
-    pub at_m: Point2,
+    pub(crate) at_m: Point2,
     /// Height of its capitals, m.
-    pub height_m: f64,
+    pub(crate) height_m: f64,
     /// The text: ASCII without control characters.
-    pub text: String,
+    pub(crate) text: String,
 }
 
 /// A drawing: the lower left corner is at the origin, x to the right, y up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sheet {
     /// Name of its files.
-    pub name: &'static str,
+    pub(crate) name: &'static str,
     /// What it is for.
-    pub purpose: String,
+    pub(crate) purpose: String,
     /// Its layers.
-    pub layers: Vec<Layer>,
+    pub(crate) layers: Vec<Layer>,
     /// Its labels.
-    pub labels: Vec<Label>,
+    pub(crate) labels: Vec<Label>,
     /// Width and height, m.
-    pub size_m: [f64; 2],
+    pub(crate) size_m: [f64; 2],
 }
 
 /// Space round the drawing and between its parts, m.

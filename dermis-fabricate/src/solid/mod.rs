@@ -20,9 +20,9 @@ use manifold_rust::manifold::Manifold;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solid {
     /// Places of the corners, mm; no two are equal.
-    pub corners_mm: Vec<[f32; 3]>,
+    pub(crate) corners_mm: Vec<[f32; 3]>,
     /// Triangles, as indices of corners.
-    pub triangles: Vec<[u32; 3]>,
+    pub(crate) triangles: Vec<[u32; 3]>,
 }
 
 /// Corners that are closer to each other or to an edge are removed, mm: a fiftieth of what a printer resolves, and far more

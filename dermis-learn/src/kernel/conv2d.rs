@@ -18,11 +18,11 @@ const TOGETHER: usize = 15;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Shape {
     /// Rows.
-    pub rows: usize,
+    pub(crate) rows: usize,
     /// Columns.
-    pub columns: usize,
+    pub(crate) columns: usize,
     /// Whether the last column is adjacent to the first.
-    pub is_ring: bool,
+    pub(crate) is_ring: bool,
 }
 
 impl Shape {
@@ -80,19 +80,19 @@ impl Shape {
 #[derive(Debug)]
 pub(crate) struct Wide<'a> {
     /// The shape of the images.
-    pub shape: Shape,
+    pub(crate) shape: Shape,
     /// With border.
-    pub input: &'a [f32],
+    pub(crate) input: &'a [f32],
     /// Channels of the input and the output.
-    pub channels: [usize; 2],
+    pub(crate) channels: [usize; 2],
     /// `[tap][input channel][output channel]`.
-    pub weight: &'a [f32],
+    pub(crate) weight: &'a [f32],
     /// One for each output channel, or none.
-    pub bias: Option<&'a [f32]>,
+    pub(crate) bias: Option<&'a [f32]>,
     /// With border; the border is not written.
-    pub output: &'a mut [f32],
+    pub(crate) output: &'a mut [f32],
     /// The function applied to a sum before it is stored.
-    pub last: Last<'a>,
+    pub(crate) last: Last<'a>,
 }
 
 /// The function applied to a sum.
@@ -208,17 +208,17 @@ impl<S: Simd> Block<'_, S> {
 #[derive(Debug)]
 pub(crate) struct Narrow<'a> {
     /// The shape of the images.
-    pub shape: Shape,
+    pub(crate) shape: Shape,
     /// With border.
-    pub input: &'a [f32],
+    pub(crate) input: &'a [f32],
     /// Channels of the input and the output.
-    pub channels: [usize; 2],
+    pub(crate) channels: [usize; 2],
     /// `[output channel][tap][input channel]`.
-    pub weight: &'a [f32],
+    pub(crate) weight: &'a [f32],
     /// One for each output channel, or none.
-    pub bias: Option<&'a [f32]>,
+    pub(crate) bias: Option<&'a [f32]>,
     /// With border; the border is not written.
-    pub output: &'a mut [f32],
+    pub(crate) output: &'a mut [f32],
 }
 
 impl WithSimd for Narrow<'_> {
@@ -255,15 +255,15 @@ impl WithSimd for Narrow<'_> {
 #[derive(Debug)]
 pub(crate) struct WeightGradient<'a> {
     /// The shape of the images.
-    pub shape: Shape,
+    pub(crate) shape: Shape,
     /// With border.
-    pub input: &'a [f32],
+    pub(crate) input: &'a [f32],
     /// With border, with the output's channels.
-    pub error: &'a [f32],
+    pub(crate) error: &'a [f32],
     /// Channels of the input and the output.
-    pub channels: [usize; 2],
+    pub(crate) channels: [usize; 2],
     /// `[tap][input channel][output channel]`.
-    pub gradient: &'a mut [f32],
+    pub(crate) gradient: &'a mut [f32],
 }
 
 impl WithSimd for WeightGradient<'_> {

@@ -40,7 +40,7 @@ pub enum Recorded {
 /// and the iterator continues after it.
 pub struct Recording {
     /// The data of the session.
-    pub session: Session,
+    pub(crate) session: Session,
     messages: Messages,
     /// The first message, which was read after the session.
     first: Option<ReadItem>,
@@ -137,7 +137,7 @@ pub(super) enum ReadItem {
 /// The messages of a recording with their topics.
 pub(super) struct Messages {
     path: PathBuf,
-    pub walk: Walk<Input>,
+    pub(crate) walk: Walk<Input>,
     topics: HashMap<u16, Option<Topic>>,
 }
 

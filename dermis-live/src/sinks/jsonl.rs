@@ -19,31 +19,31 @@ use std::time::Duration;
 #[cfg_attr(feature = "schema", schemars(title = "Dermis live frame"))]
 pub struct FrameLine<'a> {
     /// Number of the frame since the device was powered up.
-    pub sequence: u64,
+    pub(crate) sequence: u64,
     /// When its first reading was taken.
-    pub measured_at: Timestamp,
+    pub(crate) measured_at: Timestamp,
     /// When its last byte was received.
-    pub received_at: Timestamp,
+    pub(crate) received_at: Timestamp,
     /// When its contacts were computed.
-    pub output_at: Timestamp,
+    pub(crate) output_at: Timestamp,
     /// The coordinate frame of the positions.
-    pub frame_id: &'a str,
+    pub(crate) frame_id: &'a str,
     /// Whether the contacts can be relied on.
-    pub validity: &'a Validity,
+    pub(crate) validity: &'a Validity,
     /// Whether there is a contact; `null` if that is unknown, as the frame is invalid or stale.
-    pub touched: Option<bool>,
+    pub(crate) touched: Option<bool>,
     /// The contacts, the oldest first.
-    pub contacts: &'a [TrackedContact],
+    pub(crate) contacts: &'a [TrackedContact],
     /// Electrodes that are loose or open, by index.
-    pub bad_electrodes: Vec<usize>,
+    pub(crate) bad_electrodes: Vec<usize>,
     /// Serial number of the device; `null` if it has none.
-    pub device_serial: Option<NonZeroU32>,
+    pub(crate) device_serial: Option<NonZeroU32>,
     /// Frames received per second.
-    pub rate_hz: f64,
+    pub(crate) rate_hz: f64,
     /// Lost frames since the start.
-    pub lost: u64,
+    pub(crate) lost: u64,
     /// Received frames that were not processed because they arrived too fast, since the start.
-    pub skipped: u64,
+    pub(crate) skipped: u64,
 }
 
 impl<'a> FrameLine<'a> {

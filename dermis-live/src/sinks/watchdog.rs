@@ -24,11 +24,11 @@ use std::time::Duration;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Heartbeat {
     /// Number of the frame since the device was powered up.
-    pub sequence: u64,
+    pub(crate) sequence: u64,
     /// `ok` or `degraded`.
-    pub validity: &'static str,
+    pub(crate) validity: &'static str,
     /// Whether there is a contact.
-    pub touched: bool,
+    pub(crate) touched: bool,
 }
 
 impl Heartbeat {

@@ -1,5 +1,6 @@
 """The commands of the program `dermis`, from Python."""
 
+import functools
 import json
 import os
 import subprocess
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dermis._dermis import command_options
+from dermis._dermis import commands_json
 from dermis._errors import DermisError
 
 
@@ -36,7 +37,7 @@ def command(name: str, *arguments: Any, **options: Any) -> Any:
     """
     with tempfile.TemporaryDirectory(prefix="dermis-") as path:
         folder = Path(path)
-        if _options_of(name).get("json") == "none" and not {"json", "jsonl"} & set(options):
+        if options_of(name).get("json") == "none" and not {"json", "jsonl"} & set(options):
             options["json"] = True
         line = words(name, arguments, options, folder)
         error = folder / "error.json"
@@ -50,17 +51,22 @@ def command(name: str, *arguments: Any, **options: Any) -> Any:
     return json.loads(text) if options.get("json") else text
 
 
-def _options_of(name: str) -> dict[str, str]:
-    """What each option of a command takes, by name."""
-    known = command_options()
-    if name not in known:
-        raise DermisError(f"there is no command {name!r}", hint=f"one of {', '.join(sorted(known))}")
-    return known[name]
+@functools.cache
+def described() -> dict[str, dict[str, Any]]:
+    """What each command does, and its arguments, by name."""
+    return {described["name"]: described for described in json.loads(commands_json())}
+
+
+def options_of(name: str) -> dict[str, str]:
+    """What each option of a command takes, by name: `none`, `one`, `optional`, `several` or `repeated`."""
+    if name not in described():
+        raise DermisError(f"there is no command {name!r}", hint=f"one of {', '.join(sorted(described()))}")
+    return {option["name"]: option["takes"] for option in described()[name]["arguments"] if not option["is_positional"]}
 
 
 def words(name: str, arguments: Sequence[Any], options: dict[str, Any], folder: Path) -> list[str]:
     """The command line of a command; arrays are written to files in the folder."""
-    takes, line = _options_of(name), [name]
+    takes, line = options_of(name), [name]
     for key, value in options.items():
         option = key.removesuffix("_").replace("_", "-")
         if option not in takes:

@@ -26,7 +26,7 @@ __all__ = [
     "Training",
     "Twin",
     "__version__",
-    "command_options",
+    "commands_json",
     "contact_columns",
     "finish_dataset",
     "run_command",
@@ -44,8 +44,8 @@ def run_command(arguments: Sequence[str]) -> None:
 def shipped_model(name: str) -> tuple[bytes, bytes]:
     """The card (JSON) and the weights (safetensors) of a shipped network."""
 
-def command_options() -> dict[str, dict[str, str]]:
-    """The options of each command by name, and the values that they take: none, one, several, or repeated."""
+def commands_json() -> str:
+    """The commands of the program with their arguments: names, help, defaults, and the values that they take (JSON)."""
 
 def contact_columns() -> dict[str, list[str]]:
     """The columns of the vectors of contacts in tables, by their names in arrays."""

@@ -29,8 +29,8 @@ import ray
 from ray.exceptions import LocalRayletDiedError, NodeDiedError, OutOfMemoryError, RaySystemError, WorkerCrashedError
 
 from dermis import _progress
-from dermis._command import command
-from dermis._dermis import Dataset, Skin, __version__, command_options, finish_dataset
+from dermis._command import command, options_of
+from dermis._dermis import Dataset, Skin, __version__, finish_dataset
 from dermis._errors import DermisError
 from dermis._files import write_whole
 
@@ -474,7 +474,7 @@ def _check_threads(threads):
 
 def _check_options(name, options, reserved):
     """Refuses options that a command does not have, or that are set here."""
-    known = {option.replace("-", "_") for option in command_options()[name]} - set(reserved)
+    known = {option.replace("-", "_") for option in options_of(name)} - set(reserved)
     for option in options:
         if option not in known:
             raise DermisError(f"{name} has no option {option!r} here", hint=f"one of {', '.join(sorted(known))}")

@@ -34,11 +34,11 @@ pub struct Manifest {
 #[serde(deny_unknown_fields)]
 pub struct FileRecord {
     /// Its name in the folder.
-    pub name: String,
+    pub(crate) name: String,
     /// Its samples.
-    pub samples: u64,
+    pub(crate) samples: u64,
     /// SHA-256 of all of its bytes.
-    pub sha256: String,
+    pub(crate) sha256: String,
 }
 
 /// Means and standard deviations over all samples (divided by n, not n - 1), summed in double precision in the order of
@@ -49,13 +49,13 @@ pub struct Statistics {
     /// Number of samples.
     pub samples: u64,
     /// Mean of each channel, ohm.
-    pub frame_mean_ohm: Vec<f64>,
+    pub(crate) frame_mean_ohm: Vec<f64>,
     /// Standard deviation of each channel, ohm.
-    pub frame_sd_ohm: Vec<f64>,
+    pub(crate) frame_sd_ohm: Vec<f64>,
     /// Mean of each channel's difference from the sample's own untouched frame, ohm.
-    pub difference_mean_ohm: Vec<f64>,
+    pub(crate) difference_mean_ohm: Vec<f64>,
     /// Standard deviation of this difference, ohm.
-    pub difference_sd_ohm: Vec<f64>,
+    pub(crate) difference_sd_ohm: Vec<f64>,
     /// Mean over the pixels of all images.
     pub image_mean: f64,
     /// Standard deviation over the pixels of all images.

@@ -23,25 +23,25 @@ const FORMAT: &str = "dermis dataset 2";
 #[serde(deny_unknown_fields)]
 pub struct Record {
     /// "dermis dataset" and the version of the format.
-    pub format: String,
+    pub(crate) format: String,
     /// The version of this library.
-    pub version: String,
+    pub(crate) version: String,
     /// The instruction set: the values of different ones differ by rounding.
-    pub cpu: SimdLevel,
+    pub(crate) cpu: SimdLevel,
     /// The design.
     pub design: DesignRecord,
     /// The mesh.
     pub mesh: MeshRecord,
     /// SHA-256 of the protocol as a channel table.
-    pub protocol_sha256: String,
+    pub(crate) protocol_sha256: String,
     /// The recipe of the samples.
     pub recipe: Recipe,
     /// Number of samples in each file except the last.
-    pub samples_per_file: u64,
+    pub(crate) samples_per_file: u64,
     /// The tensors of each file, in the order of the file.
-    pub tensors: Vec<TensorRecord>,
+    pub(crate) tensors: Vec<TensorRecord>,
     /// The pixels of an image.
-    pub pixels: PixelRecord,
+    pub(crate) pixels: PixelRecord,
 }
 
 /// A design with its complete text.
@@ -51,9 +51,9 @@ pub struct DesignRecord {
     /// Its name.
     pub name: String,
     /// SHA-256 of its text.
-    pub sha256: String,
+    pub(crate) sha256: String,
     /// The text of its file.
-    pub text: String,
+    pub(crate) text: String,
 }
 
 /// The mesh on which the samples were solved.
@@ -63,9 +63,9 @@ pub struct MeshRecord {
     /// Its fingerprint, [`Mesh::hash`](dermis::mesh::Mesh::hash).
     pub hash: String,
     /// Number of nodes.
-    pub nodes: usize,
+    pub(crate) nodes: usize,
     /// Number of cells.
-    pub cells: usize,
+    pub(crate) cells: usize,
 }
 
 /// A tensor in the files.
@@ -73,13 +73,13 @@ pub struct MeshRecord {
 #[serde(deny_unknown_fields)]
 pub struct TensorRecord {
     /// Its name.
-    pub name: String,
+    pub(crate) name: String,
     /// Its rows in a file: `n`, one per sample, or `1`, one for all.
-    pub rows: String,
+    pub(crate) rows: String,
     /// The shape of a row.
-    pub shape: Vec<usize>,
+    pub(crate) shape: Vec<usize>,
     /// Its content, with the unit.
-    pub holds: String,
+    pub(crate) holds: String,
 }
 
 /// The pixels of an image.
@@ -87,9 +87,9 @@ pub struct TensorRecord {
 #[serde(deny_unknown_fields)]
 pub struct PixelRecord {
     /// Rows and columns of the grid; none if each cell of the mesh is a pixel.
-    pub grid: Option<[usize; 2]>,
+    pub(crate) grid: Option<[usize; 2]>,
     /// Index in the grid, row-major, of each pixel; none if all of them exist, in order.
-    pub positions: Option<Vec<usize>>,
+    pub(crate) positions: Option<Vec<usize>>,
 }
 
 /// The tensors' names.

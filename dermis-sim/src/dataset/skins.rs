@@ -43,12 +43,12 @@ pub(super) struct SkinMaker {
 /// One skin.
 #[derive(Debug)]
 pub(super) struct Skin {
-    pub forward: ForwardModel,
+    pub(crate) forward: ForwardModel,
     /// The displacement of each node, in the coordinates in which distances along the surface are straight-line
     /// distances, m.
-    pub shifts_m: Vec<[f64; 2]>,
+    pub(crate) shifts_m: Vec<[f64; 2]>,
     /// Random numbers for all other differences.
-    pub seed: u64,
+    pub(crate) seed: u64,
 }
 
 impl SkinMaker {
@@ -222,8 +222,8 @@ fn followers(design: &SkinDesign, mesh: &Mesh, rms_m: f64) -> Result<Vec<Vec<(us
 /// The current skin of a thread.
 #[derive(Debug)]
 pub(super) struct SkinInstance {
-    pub index: u64,
-    pub skin: Skin,
+    pub(crate) index: u64,
+    pub(crate) skin: Skin,
     solver: Solver,
 }
 

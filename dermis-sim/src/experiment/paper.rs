@@ -44,7 +44,7 @@ pub struct PaperExperiment {
     /// The twin.
     pub twin: Twin,
     /// The same skin with its patches shifted by a random fraction of their pitch, for the presses at random positions.
-    pub shifted: Twin,
+    pub(crate) shifted: Twin,
     /// The presses.
     pub sets: Sets<PressSet>,
 }

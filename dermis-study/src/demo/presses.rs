@@ -41,23 +41,23 @@ works, not that this skin is better than that one.";
 /// The demo's experiment and its results.
 pub(super) struct Demo {
     /// The paper's skin.
-    pub skin: Skin,
+    pub(crate) skin: Skin,
     /// Number of nodes of the simulation mesh.
-    pub simulation_nodes: usize,
+    pub(crate) simulation_nodes: usize,
     /// Seed of the noise.
-    pub seed: u64,
+    pub(crate) seed: u64,
     /// Sensitivity of the frame to each pixel, per area.
-    pub sensitivity: Vec<f64>,
+    pub(crate) sensitivity: Vec<f64>,
     /// True positions of the touches in each frame.
-    pub truth: Vec<Vec<Contact>>,
+    pub(crate) truth: Vec<Vec<Contact>>,
     /// The results of each method.
-    pub shown: Vec<Shown>,
+    pub(crate) shown: Vec<Shown>,
     /// Four simultaneous touches, as in the paper's Fig. 9.
-    pub four_truth: Vec<Contact>,
+    pub(crate) four_truth: Vec<Contact>,
     /// The results of each method on that frame.
-    pub four: Vec<Shown>,
+    pub(crate) four: Vec<Shown>,
     /// Total time, s.
-    pub seconds: f64,
+    pub(crate) seconds: f64,
 }
 
 impl Demo {

@@ -16,25 +16,25 @@ use std::sync::Arc;
 /// A nominal skin and its twins.
 pub(super) struct Bench<'a> {
     /// The nominal skin; methods have no other information on the twins.
-    pub skin: Skin,
+    pub(crate) skin: Skin,
     /// The distribution of the twins.
-    pub twin: &'a TwinOptions,
+    pub(crate) twin: &'a TwinOptions,
     /// Receives the progress of long computations.
-    pub progress: &'a dyn Progress,
+    pub(crate) progress: &'a dyn Progress,
 }
 
 /// Results of pressing one twin.
 pub(super) struct Pressed {
     /// The frames of its instrument.
-    pub recording: Recording,
+    pub(crate) recording: Recording,
     /// True positions of the touches in each frame.
-    pub truth: Vec<Vec<Contact>>,
+    pub(crate) truth: Vec<Vec<Contact>>,
     /// Differences of further untouched frames from the baseline.
-    pub untouched: Vec<Frame>,
+    pub(crate) untouched: Vec<Frame>,
     /// Number of nodes of its mesh.
-    pub nodes: usize,
+    pub(crate) nodes: usize,
     /// Readings out of the range of the converter in the untouched frames of the baseline.
-    pub saturated_readings: usize,
+    pub(crate) saturated_readings: usize,
 }
 
 impl Bench<'_> {

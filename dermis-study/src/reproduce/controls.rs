@@ -8,19 +8,19 @@ use std::f64::consts::TAU;
 /// A design that differs from the design under study in one aspect.
 pub(super) struct Control {
     /// Its identifier.
-    pub key: &'static str,
+    pub(crate) key: &'static str,
     /// Its name in tables and pictures.
-    pub name: &'static str,
+    pub(crate) name: &'static str,
     /// The design.
-    pub design: SkinDesign,
+    pub(crate) design: SkinDesign,
 }
 
 /// The design under study and its controls, and the angle of the cut.
 pub(super) struct Controls {
     /// The designs; the first is the design under study.
-    pub designs: Vec<Control>,
+    pub(crate) designs: Vec<Control>,
     /// Angle of the cut, rad; as far as possible from all electrodes.
-    pub cut_rad: f64,
+    pub(crate) cut_rad: f64,
 }
 
 /// The design under study and its controls.

@@ -25,25 +25,25 @@ const SAMPLE_TOUCHES: usize = 3;
 /// The data of the pictures.
 pub(super) struct Gallery {
     /// The first reported twin, pressed on the grid.
-    pub pressed: Pressed,
+    pub(crate) pressed: Pressed,
     /// The results of each method.
-    pub shown: Vec<Shown>,
+    pub(crate) shown: Vec<Shown>,
     /// Four simultaneous touches and the results of each method; `None` on a body that is not a cylinder.
-    pub four: Option<(Vec<Contact>, Vec<Shown>)>,
+    pub(crate) four: Option<(Vec<Contact>, Vec<Shown>)>,
     /// A training sample.
-    pub sample: TrainingSample,
+    pub(crate) sample: TrainingSample,
     /// Median time from a difference to contacts for each method, frame by frame on one thread, s.
-    pub seconds_a_frame: Vec<f64>,
+    pub(crate) seconds_a_frame: Vec<f64>,
 }
 
 /// A training sample.
 pub(super) struct TrainingSample {
     /// The frame minus the untouched one, ohm.
-    pub difference: Vec<f64>,
+    pub(crate) difference: Vec<f64>,
     /// The relative change of conductance.
-    pub image: Image,
+    pub(crate) image: Image,
     /// The touches.
-    pub touches: Vec<Contact>,
+    pub(crate) touches: Vec<Contact>,
 }
 
 impl Gallery {

@@ -15,29 +15,29 @@ use serde::Serialize;
 /// All results of a reproduction.
 pub(super) struct Results<'a> {
     /// Its scale.
-    pub scale: Scale,
+    pub(crate) scale: Scale,
     /// The skin and its twins.
-    pub bench: &'a Bench<'a>,
+    pub(crate) bench: &'a Bench<'a>,
     /// The methods, in the order of all tables.
-    pub methods: &'a [Named],
+    pub(crate) methods: &'a [Named],
     /// The choice of alpha for the linear methods.
-    pub choice: &'a Choice,
+    pub(crate) choice: &'a Choice,
     /// Benchmark of every method on the reported twins.
-    pub assessed: Vec<Benchmarked>,
+    pub(crate) assessed: Vec<Benchmarked>,
     /// The data of the pictures.
-    pub gallery: Gallery,
+    pub(crate) gallery: Gallery,
     /// The controls; `None` for a design without controls.
-    pub structure: Option<StructureStudy>,
+    pub(crate) structure: Option<StructureStudy>,
 }
 
 /// The design under study and its controls.
 pub(super) struct StructureStudy {
     /// The designs; the first is the design under study.
-    pub designs: Vec<Control>,
+    pub(crate) designs: Vec<Control>,
     /// The angle of the cut, rad.
-    pub cut_rad: f64,
+    pub(crate) cut_rad: f64,
     /// Results of each method on each design.
-    pub structures: Vec<Structure>,
+    pub(crate) structures: Vec<Structure>,
 }
 
 impl StructureStudy {

@@ -13,9 +13,9 @@ use std::time::Instant;
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Done {
     /// Description.
-    pub stage: String,
+    pub(crate) stage: String,
     /// Duration, s; nearly zero if its results were saved before.
-    pub seconds: f64,
+    pub(crate) seconds: f64,
 }
 
 /// The stages of a run and their durations.

@@ -17,18 +17,18 @@ pub(super) struct Row {
     #[serde(skip_serializing)]
     key: String,
     /// The quantity, with its unit.
-    pub what: String,
+    pub(crate) what: String,
     /// The section of the paper; empty where it has no such figure.
     #[serde(default)]
-    pub paper_section: String,
+    pub(crate) paper_section: String,
     /// The values in the paper, one per column of its table; a dash where there is no value.
     #[serde(default = "not_in_the_paper")]
-    pub paper: Vec<String>,
+    pub(crate) paper: Vec<String>,
     /// The values of the reproduction, one per column of its table.
     #[serde(skip_deserializing)]
-    pub ours: Vec<String>,
+    pub(crate) ours: Vec<String>,
     /// The differences between the paper and the reproduction.
-    pub differs: String,
+    pub(crate) differs: String,
 }
 
 /// The rows of `stated.toml`.

@@ -6,11 +6,11 @@ use crate::image::Image;
 #[derive(Debug, Clone)]
 pub(super) struct Basin {
     /// The highest pixel.
-    pub peak: usize,
+    pub(crate) peak: usize,
     /// Its value.
-    pub height: f64,
+    pub(crate) height: f64,
     /// Its pixels of positive value, the highest first.
-    pub pixels: Vec<usize>,
+    pub(crate) pixels: Vec<usize>,
 }
 
 /// The positive peaks of an image, the highest first.

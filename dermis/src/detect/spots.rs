@@ -13,11 +13,11 @@ use crate::image::{Image, PixelSpace};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Spot {
     /// The pixel where it was found.
-    pub pixel: usize,
+    pub(crate) pixel: usize,
     /// Its position.
-    pub centre_m: Point3,
+    pub(crate) centre_m: Point3,
     /// Its height.
-    pub height: f64,
+    pub(crate) height: f64,
 }
 
 /// Maximum number of rounds in which all spots are fitted in turn after each new one.

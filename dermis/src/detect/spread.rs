@@ -59,9 +59,9 @@ pub struct PositionSpread {
 #[serde(deny_unknown_fields)]
 pub struct Factor {
     /// Numbers, ascending and positive.
-    pub at: Vec<f64>,
+    pub(crate) at: Vec<f64>,
     /// The factor at each.
-    pub times: Vec<f64>,
+    pub(crate) times: Vec<f64>,
 }
 
 /// Minimum number of contacts for a factor: the 95th percentile of 300 is known to about 5 %.

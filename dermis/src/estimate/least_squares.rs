@@ -217,7 +217,7 @@ pub struct Normal {
     /// `H = A'A + P`.
     pub matrix: Matrix,
     /// `g = A' r - P (x - c)`.
-    pub right: Vec<f64>,
+    pub(crate) right: Vec<f64>,
 }
 
 impl Normal {

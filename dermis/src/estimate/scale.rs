@@ -22,9 +22,9 @@ pub fn robust(measured: &[f64], model: &[f64], channels: impl IntoIterator<Item 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
     /// The factor from the model to the measured values.
-    pub factor: f64,
+    pub(crate) factor: f64,
     /// The correlation of both, without their means subtracted; 0 where all values are zero.
-    pub correlation: f64,
+    pub(crate) correlation: f64,
 }
 
 /// The factor that minimises `|measured - factor model|^2`.

@@ -22,7 +22,7 @@ pub struct Screening {
     /// Channels that disagree with their reciprocal channels, ascending.
     pub disagreeing: Vec<usize>,
     /// The robust standard deviation of each channel: 1.4826 times the median of the absolute values, in their unit.
-    pub sd: Vec<f64>,
+    pub(crate) sd: Vec<f64>,
 }
 
 impl Screening {

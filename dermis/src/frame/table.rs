@@ -14,7 +14,7 @@ pub struct Table {
     /// The rows.
     pub rows: Vec<Vec<f64>>,
     /// 1-based row number in the file (header included) of each row.
-    pub file_rows: Vec<usize>,
+    pub(crate) file_rows: Vec<usize>,
 }
 
 /// Reads a table: CSV, NPY or NPZ, recognised by their first bytes. In an NPZ file of several arrays the one called

@@ -29,7 +29,7 @@ pub struct PixelSpace {
     /// Area of the part of each pixel inside the body, m2 (volume of a tetrahedron, m3).
     pub areas: Vec<f64>,
     /// Neighbours of each pixel, by index in this list: pixels that share an edge (in a volume a face).
-    pub neighbours: Vec<Vec<usize>>,
+    pub(crate) neighbours: Vec<Vec<usize>>,
     /// For each pixel the cells that it overlaps, with the fraction of the cell's measure in the pixel. The fractions
     /// of one cell over all pixels sum to one.
     pub overlaps: Vec<Vec<(usize, f64)>>,

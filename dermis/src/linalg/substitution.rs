@@ -23,25 +23,25 @@ impl Symbolic {
 #[derive(Debug, Clone)]
 pub(crate) struct SparseColumns {
     /// The unknowns of the rows, each once.
-    pub unknowns: Vec<usize>,
+    pub(crate) unknowns: Vec<usize>,
     /// Their values, unknowns x columns.
-    pub values: Matrix,
+    pub(crate) values: Matrix,
 }
 
 /// The supernodes that right-hand sides reach, in the order of elimination.
 #[derive(Debug, Default)]
 pub(super) struct Path {
-    pub steps: Vec<Step>,
+    pub(crate) steps: Vec<Step>,
     /// Columns eliminated by all steps together.
-    pub height: usize,
+    pub(crate) height: usize,
 }
 
 /// One supernode of a path.
 #[derive(Debug)]
 pub(super) struct Step {
-    pub supernode: usize,
+    pub(crate) supernode: usize,
     /// Its columns among those of all steps.
-    pub columns: Range<usize>,
+    pub(crate) columns: Range<usize>,
     /// The first so many right-hand sides may be nonzero here, the others are zero.
     active: usize,
 }
@@ -93,14 +93,14 @@ impl Path {
 /// `X = L^-1 b` on the eliminated unknowns, and the contribution to the kept ones.
 #[derive(Debug, Default)]
 pub(super) struct Substituted {
-    pub path: Path,
+    pub(crate) path: Path,
     /// `X`, the columns of the path x right-hand sides; below it `b_k - A_ki A_ii^-1 b_i`, kept unknowns x right-hand
     /// sides.
-    pub solution: Rows,
+    pub(crate) solution: Rows,
     /// Right-hand sides, filled up to whole vectors of any instruction set.
-    pub width: usize,
+    pub(crate) width: usize,
     /// The first row of `X` that is not zero, for each right-hand side.
-    pub starts: Vec<usize>,
+    pub(crate) starts: Vec<usize>,
 }
 
 impl Substituted {

@@ -8,9 +8,9 @@ use std::collections::HashMap;
 #[derive(Debug)]
 pub(crate) struct Refined {
     /// The finer mesh; the first nodes are those of the coarse one.
-    pub mesh: Mesh,
+    pub(crate) mesh: Mesh,
     /// The coarse cell that contains each cell.
-    pub parents: Vec<usize>,
+    pub(crate) parents: Vec<usize>,
 }
 
 impl Refined {

@@ -203,35 +203,35 @@ struct Electrode {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Change {
     /// The electrode.
-    pub electrode: usize,
+    pub(crate) electrode: usize,
     /// Its new state.
-    pub state: ElectrodeState,
+    pub(crate) state: ElectrodeState,
 }
 
 /// The context for the noise measurement of a frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NoiseFrame<'a> {
     /// Whether there is no touch.
-    pub untouched: bool,
+    pub(crate) untouched: bool,
     /// Channels that are masked.
-    pub masked: &'a [bool],
+    pub(crate) masked: &'a [bool],
     /// Drives whose current is wrong.
-    pub sick_drives: &'a [bool],
+    pub(crate) sick_drives: &'a [bool],
     /// Time since the last frame, s.
-    pub step_s: f64,
+    pub(crate) step_s: f64,
 }
 
 /// The context for the contact resistances of a frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ContactFrame<'a> {
     /// The difference from the baseline, ohm.
-    pub difference: &'a [f64],
+    pub(crate) difference: &'a [f64],
     /// Drives whose current is wrong.
-    pub sick_drives: &'a [bool],
+    pub(crate) sick_drives: &'a [bool],
     /// Whether the frame before was untouched.
-    pub is_untouched: bool,
+    pub(crate) is_untouched: bool,
     /// Time of the frame, s.
-    pub time_s: f64,
+    pub(crate) time_s: f64,
 }
 
 impl ElectrodeMonitor {

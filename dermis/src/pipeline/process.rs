@@ -30,11 +30,11 @@ const HEALTH_FRAMES: u64 = 12;
 /// The time of a frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct FrameTime {
-    pub at: Timestamp,
+    pub(crate) at: Timestamp,
     /// Time since the first frame, s.
-    pub time_s: f64,
+    pub(crate) time_s: f64,
     /// Time since the last frame, s; 0 after a gap.
-    pub step_s: f64,
+    pub(crate) step_s: f64,
 }
 
 impl Pipeline {

@@ -57,36 +57,36 @@ pub(super) enum Phase {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Reading {
-    pub baseline: Baseline,
+    pub(crate) baseline: Baseline,
     #[serde(rename = "watch")]
-    pub electrodes: ElectrodeMonitor,
+    pub(crate) electrodes: ElectrodeMonitor,
     #[serde(rename = "alarm")]
-    pub touch_detector: TouchDetector,
+    pub(crate) touch_detector: TouchDetector,
     /// Whether presses look like those of the calibration.
     #[serde(default)]
-    pub novelty: NoveltyMonitor,
+    pub(crate) novelty: NoveltyMonitor,
     #[serde(default)]
-    pub instrument: InstrumentMonitor,
+    pub(crate) instrument: InstrumentMonitor,
     #[serde(default)]
-    pub trials: TrialMeans,
+    pub(crate) trials: TrialMeans,
     #[serde(default)]
-    pub masked_time: MaskedTime,
+    pub(crate) masked_time: MaskedTime,
     /// Differences of the tare's frames from their mean, ohm.
-    pub untouched: Vec<Vec<f64>>,
+    pub(crate) untouched: Vec<Vec<f64>>,
     /// Their mean, ohm; empty in older states.
     #[serde(default)]
-    pub rest_ohm: Vec<f64>,
+    pub(crate) rest_ohm: Vec<f64>,
     /// Since when the frames are touched, by either test, s.
     #[serde(default)]
-    pub felt_since_s: Option<f64>,
+    pub(crate) felt_since_s: Option<f64>,
     /// How often in a row the change was the end of a touch.
     #[serde(default)]
-    pub ended_judgements: u32,
+    pub(crate) ended_judgements: u32,
     /// Start of the time without a touch, s.
-    pub quiet_since_s: Option<f64>,
+    pub(crate) quiet_since_s: Option<f64>,
     /// Start of the time in which frames differ from the baseline without a contact, s.
     #[serde(rename = "puzzled_since_s")]
-    pub unexplained_since_s: Option<f64>,
+    pub(crate) unexplained_since_s: Option<f64>,
 }
 
 /// The time in which channels are masked.
@@ -113,11 +113,11 @@ impl MaskedTime {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Marks {
     /// All of them.
-    pub masked: Vec<bool>,
+    pub(crate) masked: Vec<bool>,
     /// Those that are not on trial.
-    pub blocked: Vec<bool>,
+    pub(crate) blocked: Vec<bool>,
     /// Those of parts that are confirmed as bad.
-    pub confirmed: Vec<bool>,
+    pub(crate) confirmed: Vec<bool>,
 }
 
 impl State {

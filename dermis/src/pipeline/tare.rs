@@ -24,9 +24,9 @@ const REPLACED: usize = 4;
 
 /// Frames of a tare that make a baseline.
 pub(super) struct Tared {
-    pub frames: Vec<Measurement>,
+    pub(crate) frames: Vec<Measurement>,
     /// What is to be said of them.
-    pub doubt: Option<Finding>,
+    pub(crate) doubt: Option<Finding>,
 }
 
 /// Why frames of a tare make no baseline.

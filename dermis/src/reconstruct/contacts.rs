@@ -13,12 +13,12 @@ const PART_OF_CONTACT_M: f64 = 0.02;
 #[derive(Debug, Clone, Copy)]
 pub struct Search<'a> {
     /// Finds the contacts in images.
-    pub detector: &'a Detector,
+    pub(crate) detector: &'a Detector,
     /// The signal-to-noise ratio of a touch that the method adds where its image shows none; `None` leaves these out, as
     /// where a touch detector has not felt a touch.
-    pub unseen: Option<f64>,
+    pub(crate) unseen: Option<f64>,
     /// Whether such a touch may be the only one of a frame.
-    pub alone: bool,
+    pub(crate) alone: bool,
 }
 
 /// A contact found in a frame.

@@ -15,7 +15,7 @@ pub struct Linearised {
     /// The untouched frame, ohm.
     pub rest_frame: Vec<f64>,
     /// Conductance of each untouched pixel (mean over its cells weighted by their overlap).
-    pub rest_conductivity: Vec<f64>,
+    pub(crate) rest_conductivity: Vec<f64>,
 }
 
 impl Linearised {

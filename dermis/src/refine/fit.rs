@@ -41,14 +41,14 @@ const MAX_TOUCHES: usize = 16;
 /// A touch: the unknowns of the fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Touch {
-    pub place: Place,
-    pub form: Form,
+    pub(crate) place: Place,
+    pub(crate) form: Form,
     /// The logarithm of the strength, m2.
-    pub log_strength: f64,
+    pub(crate) log_strength: f64,
     /// The uneven part of the tensor of conductance: along the first axis less along the second, and along both.
-    pub uneven: Point2,
+    pub(crate) uneven: Point2,
     /// The contact that it is of, if it was detected.
-    pub of: Option<usize>,
+    pub(crate) of: Option<usize>,
 }
 
 impl Touch {
@@ -71,7 +71,7 @@ impl Touch {
 /// Touches with the values that they leave.
 #[derive(Debug, Clone)]
 pub(super) struct State {
-    pub touches: Vec<Touch>,
+    pub(crate) touches: Vec<Touch>,
     responses: Vec<Response>,
     residuals: Vec<f64>,
     cost: f64,
@@ -80,23 +80,23 @@ pub(super) struct State {
 /// Touches at the minimum, with the covariance of their unknowns.
 #[derive(Debug, Clone)]
 pub(super) struct Fitted {
-    pub state: State,
+    pub(crate) state: State,
     /// The information about all unknowns, and its inverse.
     information: Matrix,
     covariance: Matrix,
     /// Twice the negative logarithm of the probability of the frame and these touches, up to a constant.
-    pub evidence: f64,
+    pub(crate) evidence: f64,
 }
 
 /// The data of a fit.
 #[derive(Clone, Copy)]
 pub(super) struct Fit<'a> {
-    pub responses: &'a Responses,
-    pub options: &'a RefineOptions,
+    pub(crate) responses: &'a Responses,
+    pub(crate) options: &'a RefineOptions,
     /// The whitened values.
-    pub values: &'a [f64],
+    pub(crate) values: &'a [f64],
     /// One over the variance of a value: noise and misfit.
-    pub weight: f64,
+    pub(crate) weight: f64,
 }
 
 impl LeastSquares for Fit<'_> {

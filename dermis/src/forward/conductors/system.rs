@@ -12,11 +12,11 @@ use std::collections::BTreeMap;
 pub(super) struct System {
     /// `None` if it is the model's own system.
     extended: Option<Symbolic>,
-    pub factor: Factor,
+    pub(crate) factor: Factor,
     /// The unknown of each node.
     unknown_of_node: Vec<usize>,
     /// The unknown of each conductor that is part of the system.
-    pub unknown_of_conductor: BTreeMap<usize, usize>,
+    pub(crate) unknown_of_conductor: BTreeMap<usize, usize>,
 }
 
 impl System {
@@ -72,9 +72,9 @@ impl System {
 /// The moments of `u - v` of a conductor as weighted sums of unknowns.
 pub(super) struct Voltages {
     /// The unknowns of its nodes and, if there is one, of its potential.
-    pub unknowns: Vec<usize>,
+    pub(crate) unknowns: Vec<usize>,
     /// Unknowns x moments.
-    pub weights: Matrix,
+    pub(crate) weights: Matrix,
 }
 
 impl Voltages {

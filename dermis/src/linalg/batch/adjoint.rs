@@ -16,11 +16,11 @@ use pulp::Simd;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scratch {
     /// Derivatives of a panel.
-    pub panel: usize,
+    pub(crate) panel: usize,
     /// The derivative of an update, all rows and columns.
-    pub square: usize,
+    pub(crate) square: usize,
     /// `W`, or `-G W`, transposed.
-    pub across: usize,
+    pub(crate) across: usize,
 }
 
 impl Scratch {
