@@ -142,7 +142,7 @@ impl Calibration {
     }
 
     /// Why the forces of its labels are not used; `None` where they are, or where no label has one.
-    pub fn unused_forces(&self, labels: &[Label]) -> Option<UnusedForces> {
+    pub(crate) fn unused_forces(&self, labels: &[Label]) -> Option<UnusedForces> {
         if !has_force(labels) || self.locator.force_law().is_some() {
             return None;
         }
@@ -160,7 +160,7 @@ impl Calibration {
     }
 
     /// Number of channels.
-    pub fn channel_count(&self) -> usize {
+    pub(crate) fn channel_count(&self) -> usize {
         self.units.channel_count()
     }
 

@@ -151,7 +151,7 @@ impl Correction {
     }
 
     /// Why the forces of its labels are not used; `None` where they are, or where no label has one.
-    pub fn unused_forces(&self, labels: &[Label]) -> Option<UnusedForces> {
+    pub(crate) fn unused_forces(&self, labels: &[Label]) -> Option<UnusedForces> {
         (has_force(labels) && self.quality.force_error.is_none()).then_some(UnusedForces::TooFewFound)
     }
 

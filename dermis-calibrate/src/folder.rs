@@ -98,7 +98,7 @@ struct CorrectionCard {
 
 impl Correction {
     /// Whether a folder contains the correction of a method.
-    pub fn is_folder(folder: &Path) -> bool {
+    pub(crate) fn is_folder(folder: &Path) -> bool {
         folder.join(CORRECTION).is_file()
     }
 

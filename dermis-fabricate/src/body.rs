@@ -39,7 +39,7 @@ impl BodyMesh {
     }
 
     /// A surface of triangles that are counter-clockwise as seen from outside.
-    pub fn new(nodes: Vec<Point3>, triangles: Vec<[usize; 3]>) -> Self {
+    pub(crate) fn new(nodes: Vec<Point3>, triangles: Vec<[usize; 3]>) -> Self {
         let mut normals = vec![[0.0; 3]; nodes.len()];
         let mut angles_rad = vec![0.0; nodes.len()];
         let mut open: HashMap<[usize; 2], ()> = HashMap::new();
@@ -85,7 +85,7 @@ impl BodyMesh {
     }
 
     /// The point of the surface nearest to a point, and the outward unit normal there, interpolated between nodes.
-    pub fn nearest(&self, point_m: Point3) -> (Point3, Point3) {
+    pub(crate) fn nearest(&self, point_m: Point3) -> (Point3, Point3) {
         let found = self.tree.nearest(point_m);
         let [a, b, c] = self.corners(found.triangle);
         let nodes = self.triangles[found.triangle];
@@ -95,7 +95,7 @@ impl BodyMesh {
     }
 
     /// Distance of a point from the surface, m.
-    pub fn distance_m(&self, point_m: Point3) -> f64 {
+    pub(crate) fn distance_m(&self, point_m: Point3) -> f64 {
         self.tree.nearest(point_m).distance_m
     }
 
@@ -117,7 +117,7 @@ impl BodyMesh {
     }
 
     /// Area of the surface, m2.
-    pub fn area_m2(&self) -> f64 {
+    pub(crate) fn area_m2(&self) -> f64 {
         (0..self.triangles.len()).map(|triangle| triangle_area(self.corners(triangle))).sum()
     }
 

@@ -22,7 +22,7 @@ pub struct OutputFile {
 
 impl OutputFile {
     /// A file.
-    pub fn new(path: impl Into<String>, purpose: impl Into<String>, bytes: impl Into<Vec<u8>>) -> Self {
+    pub(crate) fn new(path: impl Into<String>, purpose: impl Into<String>, bytes: impl Into<Vec<u8>>) -> Self {
         OutputFile { path: path.into(), purpose: purpose.into(), bytes: bytes.into() }
     }
 }

@@ -111,7 +111,7 @@ impl Fabrication {
     ///
     /// # Errors
     /// As [`solid::base`].
-    pub fn base(&self) -> Result<&Solid, FabricateError> {
+    pub(crate) fn base(&self) -> Result<&Solid, FabricateError> {
         made_once(&self.base, || solid::base(self))
     }
 
@@ -119,7 +119,7 @@ impl Fabrication {
     ///
     /// # Errors
     /// As [`Electrical::new`].
-    pub fn electrical(&self) -> Result<&Electrical, FabricateError> {
+    pub(crate) fn electrical(&self) -> Result<&Electrical, FabricateError> {
         made_once(&self.electrical, || Electrical::new(&self.design))
     }
 }

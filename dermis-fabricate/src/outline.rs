@@ -29,7 +29,7 @@ pub(crate) fn chords(radius_m: f64, error_m: f64) -> usize {
 
 impl Outline {
     /// A rectangle with sides along the axes.
-    pub fn rectangle([x0, y0]: Point2, [x1, y1]: Point2) -> Self {
+    pub(crate) fn rectangle([x0, y0]: Point2, [x1, y1]: Point2) -> Self {
         Outline::Polygon(vec![[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
     }
 
@@ -45,7 +45,7 @@ impl Outline {
     }
 
     /// Corners of the outline; a circle is given by chords.
-    pub fn corners(&self) -> Vec<Point2> {
+    pub(crate) fn corners(&self) -> Vec<Point2> {
         match self {
             Outline::Polygon(corners) => corners.clone(),
             &Outline::Circle { centre_m: [x, y], radius_m } => {
@@ -60,7 +60,7 @@ impl Outline {
     }
 
     /// Enclosed area, m2.
-    pub fn area_m2(&self) -> f64 {
+    pub(crate) fn area_m2(&self) -> f64 {
         match self {
             Outline::Polygon(corners) => polygon::signed_area(corners),
             Outline::Circle { radius_m, .. } => PI * radius_m * radius_m,
@@ -68,7 +68,7 @@ impl Outline {
     }
 
     /// Lower and upper corner of the box around it.
-    pub fn bounds_m(&self) -> [Point2; 2] {
+    pub(crate) fn bounds_m(&self) -> [Point2; 2] {
         match self {
             &Outline::Circle { centre_m: [x, y], radius_m: r } => [[x - r, y - r], [x + r, y + r]],
             Outline::Polygon(corners) => bounding_box(corners.iter().copied()),
@@ -76,7 +76,7 @@ impl Outline {
     }
 
     /// The same outline elsewhere.
-    pub fn moved(&self, [dx, dy]: Point2) -> Self {
+    pub(crate) fn moved(&self, [dx, dy]: Point2) -> Self {
         match self {
             Outline::Polygon(corners) => Outline::Polygon(corners.iter().map(|[x, y]| [x + dx, y + dy]).collect()),
             &Outline::Circle { centre_m: [x, y], radius_m } => Outline::Circle { centre_m: [x + dx, y + dy], radius_m },
@@ -86,7 +86,7 @@ impl Outline {
     /// The outline whose sides are farther out by a distance (farther in, where it is negative): a cut along it, twice
     /// that distance wide, leaves this outline. Exact for convex outlines. A side that is shorter than the rounding of
     /// its corners is left out.
-    pub fn grown(&self, by_m: f64) -> Self {
+    pub(crate) fn grown(&self, by_m: f64) -> Self {
         match self {
             &Outline::Circle { centre_m, radius_m } => Outline::Circle { centre_m, radius_m: radius_m + by_m },
             Outline::Polygon(corners) => Outline::Polygon(grown_polygon(corners, by_m)),
@@ -94,7 +94,7 @@ impl Outline {
     }
 
     /// The part of the outline inside another one that is convex; `None` if nothing is left.
-    pub fn clipped(&self, to: &Outline) -> Option<Outline> {
+    pub(crate) fn clipped(&self, to: &Outline) -> Option<Outline> {
         if let (Outline::Circle { centre_m, radius_m }, true) = (self, self.inside(to)) {
             return Some(Outline::Circle { centre_m: *centre_m, radius_m: *radius_m });
         }

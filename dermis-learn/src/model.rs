@@ -36,7 +36,7 @@ pub struct Model {
 
 impl SkinRecord {
     /// The record of a skin.
-    pub fn of(skin: &Skin) -> Self {
+    pub(crate) fn of(skin: &Skin) -> Self {
         Self::new(&skin.design().name, skin.forward(), skin.pixels())
     }
 
@@ -110,7 +110,7 @@ impl Model {
     ///
     /// # Errors
     /// As [`load`](Self::load).
-    pub fn parse(
+    pub(crate) fn parse(
         folder: &Path,
         card: &[u8],
         weights: &[u8],

@@ -65,7 +65,7 @@ impl Architecture {
     /// The paper's network in our interpretation (dense, batch normalisation, rectifier) three times and a final dense
     /// layer: on its skin 870 values, hidden layers of 870, 880 and 890, an image of 900; on other skins the hidden
     /// sizes are interpolated linearly.
-    pub fn paper(channels: usize, pixels: usize) -> Self {
+    pub(crate) fn paper(channels: usize, pixels: usize) -> Self {
         let size = |step: usize| (channels * (3 - step) + pixels * step + 1) / 3;
         let sizes = [channels, size(0), size(1), size(2), pixels];
         let mut trunk = Vec::new();
@@ -79,7 +79,7 @@ impl Architecture {
 
     /// The other interpretation of the paper: batch normalisation of the input of each of four hidden layers, and a
     /// fifth layer that makes the image.
-    pub fn paper_norm_first(channels: usize, pixels: usize) -> Self {
+    pub(crate) fn paper_norm_first(channels: usize, pixels: usize) -> Self {
         let size = |step: usize| (channels * (3 - step) + pixels * step + 1) / 3;
         let sizes = [channels, size(0), size(1), size(2), pixels];
         let mut trunk = Vec::new();
@@ -92,7 +92,7 @@ impl Architecture {
     }
 
     /// A linear layer that makes several images of the frame, and convolutions that combine them into one.
-    pub fn refined(inputs: usize, [rows, columns]: [usize; 2], is_ring: bool, channels: &[usize]) -> Self {
+    pub(crate) fn refined(inputs: usize, [rows, columns]: [usize; 2], is_ring: bool, channels: &[usize]) -> Self {
         let outputs = rows * columns * channels[0];
         let refinement = RefinementSpec { rows, columns, is_ring, channels: channels.to_vec() };
         Architecture { trunk: vec![LayerSpec::Dense { inputs, outputs, relu: false }], refinement: Some(refinement) }
@@ -102,7 +102,7 @@ impl Architecture {
     ///
     /// # Errors
     /// A description of the mismatch.
-    pub fn check(&self) -> Result<(), String> {
+    pub(crate) fn check(&self) -> Result<(), String> {
         let mut values = None;
         for (index, layer) in self.trunk.iter().enumerate() {
             let (inputs, outputs) = layer.sizes();
@@ -292,7 +292,7 @@ impl Network {
     }
 
     /// Its architecture.
-    pub fn architecture(&self) -> &Architecture {
+    pub(crate) fn architecture(&self) -> &Architecture {
         &self.architecture
     }
 
@@ -373,7 +373,7 @@ impl Network {
     }
 
     /// The values of all tensors, mutable; in the order of [`tensors`](Self::tensors).
-    pub fn values_mut(&mut self) -> Vec<&mut Vec<f32>> {
+    pub(crate) fn values_mut(&mut self) -> Vec<&mut Vec<f32>> {
         let mut values = Vec::new();
         for layer in &mut self.trunk {
             match &mut layer.kind {

@@ -20,7 +20,7 @@ pub enum Target {
 
 impl Target {
     /// A pixel of the image from the network's output.
-    pub fn image(&self, output: f32) -> f32 {
+    pub(crate) fn image(&self, output: f32) -> f32 {
         match self {
             Target::Conductance => output,
             Target::Touches { .. } => output * output.abs(),
@@ -63,7 +63,7 @@ pub struct DomainRandomization {
 
 impl DomainRandomization {
     /// For real skins with an unknown instrument: 0.3 to 0.6, 0.5, up to 2, 0.3.
-    pub fn usual() -> Self {
+    pub(crate) fn usual() -> Self {
         DomainRandomization { whole: [0.3, 0.6], loudness_sd: 0.5, relative: [0.0, 2.0], missing: 0.3 }
     }
 }

@@ -99,7 +99,7 @@ impl Scale {
     }
 
     /// The colour of a number; numbers that are not finite are grey.
-    pub fn colour(&self, value: f64) -> Colour {
+    pub(crate) fn colour(&self, value: f64) -> Colour {
         if !value.is_finite() {
             return [220, 220, 220];
         }

@@ -1,9 +1,13 @@
 """The commands of the program from Python."""
 
+import inspect
+import re
+
 import numpy as np
 import pytest
 
 import dermis
+from dermis import commands
 
 
 def test_a_command_returns_what_the_program_prints(tmp_path):
@@ -47,3 +51,24 @@ def test_an_error_in_a_file_names_the_line(tmp_path):
     with pytest.raises(dermis.DermisError) as error:
         dermis.command("mesh", path)
     assert error.value.line is not None
+
+
+def test_every_command_is_a_function_with_help():
+    names = dir(commands)
+    assert {"bound", "check_frames", "optimise", "live"} <= set(names)
+    for name in names:
+        function = getattr(commands, name)
+        parameters = inspect.signature(function).parameters
+        documented = function.__doc__.split("Args:\n")[1]
+        assert function.__name__ == name and function.__doc__[0].isupper()
+        assert all(re.search(rf"^    {parameter}: \w", documented, re.MULTILINE) for parameter in parameters), name
+
+
+def test_functions_are_the_commands(tmp_path):
+    named = commands.mesh(design="skin16", output=tmp_path / "named.msh")
+    assert named == commands.mesh("skin16", output=tmp_path / "named.msh")
+    assert named == dermis.command("mesh", "skin16", output=tmp_path / "named.msh")
+    with pytest.raises(TypeError, match="colour"):
+        commands.mesh("skin16", colour=True)
+    with pytest.raises(AttributeError, match="nothing"):
+        commands.nothing  # noqa: B018

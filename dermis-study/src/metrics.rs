@@ -116,12 +116,12 @@ const OTHERS: &[Figure] = figures! {
 
 impl Figure {
     /// The value as printed in tables.
-    pub fn show(&self, value: f64) -> String {
+    pub(crate) fn show(&self, value: f64) -> String {
         if value.is_nan() { "none".into() } else { format!("{:.*}", self.decimals, self.factor * value) }
     }
 
     /// What the skin allows any unbiased method, in SI units; `None` for figures without a bound.
-    pub fn bound(&self, bound: &BenchmarkBound) -> Option<f64> {
+    pub(crate) fn bound(&self, bound: &BenchmarkBound) -> Option<f64> {
         let value = match self.key {
             "grid_localisation_mean_m" | "random_localisation_mean_m" => bound.localisation_m,
             "grid_misses" => bound.misses.map_or(f64::NAN, |misses| misses[0]),
@@ -139,7 +139,7 @@ impl Figure {
     }
 
     /// The worst of some values; `NaN` if one of them is `NaN`.
-    pub fn worst(&self, values: &[f64]) -> f64 {
+    pub(crate) fn worst(&self, values: &[f64]) -> f64 {
         let worse = |a: f64, b: f64| match self.worse {
             _ if a.is_nan() || b.is_nan() => f64::NAN,
             Worse::More => a.max(b),

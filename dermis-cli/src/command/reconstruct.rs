@@ -41,7 +41,7 @@ impl Arguments {
         let differences = self.frames.read(&skin, &self.method)?;
         let method = self.method.prepare(&skin, &differences)?;
         let images = of_each(&differences.frames, |difference| method.image(difference))?;
-        let size = if is_mesh_file { self.write_cells(&skin, &images)? } else { self.write_array(&images)? };
+        let size = if is_mesh_file { self.write_cells(&skin, &images)? } else { self.write_array(&skin, &images)? };
         print(&format!("{}: {size} ({})\n", self.output.display(), method.description()))
     }
 
@@ -70,17 +70,15 @@ impl Arguments {
         Ok(format!("{} x {cell_count} cells", fields.len()))
     }
 
-    /// Writes the images as an array; its shape in words.
-    fn write_array(&self, images: &[Image]) -> Outcome<String> {
-        let mut shape = vec![images.len()];
-        match images.first().map(|image| &image.space) {
-            Some(space) => match space.grid {
-                Some([rows, columns]) => shape.extend([rows, columns]),
-                None => shape.push(space.len()),
-            },
-            None => shape.push(0),
-        }
-        let values: Vec<f64> = images.iter().flat_map(|image| image.to_grid()).collect();
+    /// Writes the images as an array, of the pixels of a grid or of the cells of the mesh; its shape in words.
+    fn write_array(&self, skin: &Skin, images: &[Image]) -> Outcome<String> {
+        let (grid, cell_count) = (skin.pixels().grid, skin.mesh().cell_count());
+        let shape = match grid {
+            Some([rows, columns]) => vec![images.len(), rows, columns],
+            None => vec![images.len(), cell_count],
+        };
+        let picture = |image: &Image| if grid.is_some() { image.to_grid() } else { image.to_cells(cell_count) };
+        let values: Vec<f64> = images.iter().flat_map(picture).collect();
         write_array(&self.output, "images", &shape, &values)?;
         Ok(shape.iter().map(usize::to_string).collect::<Vec<_>>().join(" x "))
     }

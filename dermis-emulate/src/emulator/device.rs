@@ -137,7 +137,7 @@ impl Emulator {
     }
 
     /// The options.
-    pub fn options(&self) -> &EmulatorOptions {
+    pub(crate) fn options(&self) -> &EmulatorOptions {
         &self.options
     }
 

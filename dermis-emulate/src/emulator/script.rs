@@ -99,7 +99,7 @@ impl Script {
     ///
     /// # Errors
     /// A design without a mesh or pixels.
-    pub fn grid(design: &SkinDesign, press: &PressOptions, seed: u64) -> Result<Self, EmulateError> {
+    pub(crate) fn grid(design: &SkinDesign, press: &PressOptions, seed: u64) -> Result<Self, EmulateError> {
         let mesh = Mesh::generate(design).map_err(dermis::Error::from)?;
         let pixels = PixelSpace::for_design(design, &mesh).map_err(dermis::Error::from)?;
         let set = Presses::new(design, &mesh, &pixels, *press, seed).on_grid(1);
@@ -173,7 +173,7 @@ impl Script {
     }
 
     /// The presses at a time, s, with a tip of the given radius.
-    pub fn presses(&self, time_s: f64, surface: &Surface, tip_radius_m: f64) -> Vec<Press> {
+    pub(crate) fn presses(&self, time_s: f64, surface: &Surface, tip_radius_m: f64) -> Vec<Press> {
         let time_s = self.repeat_s.map_or(time_s, |repeat_s| time_s.rem_euclid(repeat_s));
         self.touches.iter().filter_map(|stroke| stroke.press(time_s, surface, tip_radius_m)).collect()
     }
@@ -244,7 +244,7 @@ impl Stroke {
 
 impl Place {
     /// The point on a surface; `None` for a cylinder position on another body.
-    pub fn point(&self, surface: &Surface) -> Option<Point3> {
+    pub(crate) fn point(&self, surface: &Surface) -> Option<Point3> {
         match *self {
             Place::Space(point) => Some(point),
             Place::Cylinder { z_m, theta_deg } => surface.at(z_m, theta_deg.to_radians()),

@@ -44,7 +44,7 @@ impl Electrical {
     ///
     /// # Errors
     /// A design that cannot be meshed or solved; a reading that does not settle within the longest wait of the reader.
-    pub fn new(design: &SkinDesign) -> Result<Self, FabricateError> {
+    pub(crate) fn new(design: &SkinDesign) -> Result<Self, FabricateError> {
         let mesh = Mesh::generate(design)?;
         let model = ForwardModel::new(design, &mesh)?;
         let network = model.network(model.rest_conductivity()).map_err(dermis::Error::from)?;
@@ -59,7 +59,7 @@ impl Electrical {
     }
 
     /// Frames that the slots allow a second, Hz: at most those of the electronics.
-    pub fn frame_rate_hz(&self) -> f64 {
+    pub(crate) fn frame_rate_hz(&self) -> f64 {
         let frame_s: f64 = self.readings.iter().map(|reading| reading.wait_s + OVERHEAD_S).sum();
         self.electronics.frame_rate_hz.min(1.0 / frame_s)
     }

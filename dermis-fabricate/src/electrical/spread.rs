@@ -36,7 +36,7 @@ impl Value {
     }
 
     /// Least and greatest value to be expected.
-    pub fn limits(&self) -> [f64; 2] {
+    pub(crate) fn limits(&self) -> [f64; 2] {
         let off = Self::LIMIT * self.sd;
         [self.nominal - off, self.nominal + off].map(|limit| if self.amplitude_only { limit.max(0.0) } else { limit })
     }
@@ -72,7 +72,7 @@ impl Sensitivities {
     ///
     /// # Errors
     /// A design without a solution.
-    pub fn of(design: &SkinDesign, mesh: &Mesh, channels: Vec<Channel>) -> Result<Vec<Self>, FabricateError> {
+    pub(crate) fn of(design: &SkinDesign, mesh: &Mesh, channels: Vec<Channel>) -> Result<Vec<Self>, FabricateError> {
         let asked = SkinDesign { protocol: protocol_of(design, channels), ..design.clone() };
         let model = ForwardModel::new(&asked, mesh)?;
         let at = model.rest_conductivity();
@@ -88,7 +88,7 @@ impl Sensitivities {
     }
 
     /// The value that an instrument gives: the voltage over the current that it finds with the stated reference resistor.
-    pub fn ohm(&self, options: &FabricationOptions, tolerance: f64) -> Value {
+    pub(crate) fn ohm(&self, options: &FabricationOptions, tolerance: f64) -> Value {
         let skin = self.variance(options);
         Value::new(self.ohm, skin + (self.ohm * uniform_sd(tolerance)).powi(2))
     }
@@ -135,12 +135,12 @@ impl Loop {
     }
 
     /// The voltage of a transfer resistance, V.
-    pub fn voltage(&self, of: &Sensitivities, options: &FabricationOptions, tolerance: f64) -> Value {
+    pub(crate) fn voltage(&self, of: &Sensitivities, options: &FabricationOptions, tolerance: f64) -> Value {
         self.value(of, 0.0, options, tolerance)
     }
 
     /// The voltage across the reference resistor, V.
-    pub fn reference(&self, options: &FabricationOptions, tolerance: f64) -> Value {
+    pub(crate) fn reference(&self, options: &FabricationOptions, tolerance: f64) -> Value {
         let none = vec![0.0; self.skin.by_contacts.len()];
         let part = Sensitivities { ohm: self.reference_ohm, by_sheet: 0.0, by_contacts: none };
         self.value(&part, self.reference_ohm, options, tolerance)

@@ -62,7 +62,7 @@ impl Solid {
     }
 
     /// Volume, mm3.
-    pub fn volume_mm3(&self) -> f64 {
+    pub(crate) fn volume_mm3(&self) -> f64 {
         use dermis::geom::vector::{cross, dot};
         let of = |triangle: usize| {
             let [a, b, c] = self.triangle_mm(triangle);
@@ -72,13 +72,13 @@ impl Solid {
     }
 
     /// Genus of a closed surface of one part, by Euler's formula.
-    pub fn genus(&self) -> i64 {
+    pub(crate) fn genus(&self) -> i64 {
         let euler = self.corners_mm.len() as i64 - self.triangles.len() as i64 / 2;
         1 - euler / 2
     }
 
     /// Whether every edge has one triangle on each side.
-    pub fn is_closed(&self) -> bool {
+    pub(crate) fn is_closed(&self) -> bool {
         let mut edges = std::collections::HashSet::new();
         for &[a, b, c] in &self.triangles {
             for edge in [[a, b], [b, c], [c, a]] {

@@ -352,7 +352,7 @@ impl Device {
     ///
     /// # Errors
     /// A device that was lost.
-    pub fn send(&mut self, message: &ToDevice<'_>) -> Result<(), LiveError> {
+    pub(crate) fn send(&mut self, message: &ToDevice<'_>) -> Result<(), LiveError> {
         let sent = send(self.line.as_mut(), message);
         sent.map_err(|error| LiveError::Lost { address: self.address.clone(), message: error.to_string() })
     }

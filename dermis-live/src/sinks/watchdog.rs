@@ -33,7 +33,7 @@ pub struct Heartbeat {
 
 impl Heartbeat {
     /// The heartbeat of a frame; `None` if its contacts cannot be relied on.
-    pub fn of(frame: &LiveFrame) -> Option<Self> {
+    pub(crate) fn of(frame: &LiveFrame) -> Option<Self> {
         let result = &frame.result;
         let touched = result.touched.filter(|_| result.validity.is_usable())?;
         Some(Heartbeat { sequence: result.sequence, validity: result.validity.name(), touched })

@@ -90,7 +90,7 @@ pub struct PositionBound {
 impl PositionBound {
     /// The mean distance of a normal estimate with this covariance from the press, m: by Jensen's inequality at most
     /// `sd_m`, at least `sqrt(2 / pi)` of it.
-    pub fn mean_error_m(&self) -> f64 {
+    pub(crate) fn mean_error_m(&self) -> f64 {
         let [[xx, xy], [_, yy]] = self.covariance_m2;
         // In polar coordinates the radius of the standard normal distribution has the mean sqrt(pi / 2); the mean over the
         // angle converges faster than any power of the number of points.
@@ -191,7 +191,7 @@ impl Bounds {
     ///
     /// # Errors
     /// A press that the twin cannot simulate.
-    pub fn position_of(&self, press: &Press, normal: Point3) -> crate::Result<Option<PositionBound>> {
+    pub(crate) fn position_of(&self, press: &Press, normal: Point3) -> crate::Result<Option<PositionBound>> {
         let precision = self.with_unknown_phase(&[*press], &self.clean(&[*press])?)?;
         let columns = self.derivatives(&precision, press, normal)?;
         let information = equations(&columns, &vec![0.0; columns[0].len()], 0.0);

@@ -90,7 +90,7 @@ impl Manifest {
     ///
     /// # Errors
     /// A folder without a manifest; a file that is not a manifest.
-    pub fn read(folder: &Path) -> Result<Self, DatasetError> {
+    pub(crate) fn read(folder: &Path) -> Result<Self, DatasetError> {
         let path = Self::path(folder);
         let bytes = match std::fs::read(&path) {
             Ok(bytes) => bytes,

@@ -176,7 +176,7 @@ impl GaussianTouches {
     ///
     /// # Errors
     /// A number that is invalid for a touch; amplitudes that could leave no conductance.
-    pub fn check(&self, effect: TouchEffect) -> Result<(), DatasetError> {
+    pub(crate) fn check(&self, effect: TouchEffect) -> Result<(), DatasetError> {
         check_count(self.most)?;
         check_range("the width of touches in m", self.width_m, WIDTHS_M)?;
         check_range("the amplitude of touches", self.amplitude, AMPLITUDES)?;

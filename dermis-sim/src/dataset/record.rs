@@ -156,7 +156,7 @@ impl Record {
     }
 
     /// The dataset's identity: SHA-256 of the record.
-    pub fn identity(&self) -> String {
+    pub(crate) fn identity(&self) -> String {
         sha256(&self.to_bytes())
     }
 

@@ -59,7 +59,7 @@ impl SampleTouch {
     }
 
     /// The force of a press, N; `None` for a Gaussian touch.
-    pub fn force_n(&self) -> Option<f32> {
+    pub(crate) fn force_n(&self) -> Option<f32> {
         match self.kind {
             TouchKind::Press { force_n, .. } => Some(force_n),
             TouchKind::Gaussian { .. } => None,

@@ -64,7 +64,7 @@ impl Family {
 impl Presses<'_> {
     /// Objects of a family at random positions, whole on the skin, a list for each frame; frames without enough space are
     /// omitted.
-    pub fn of_family(&self, family: Family, count: usize) -> Vec<Objects> {
+    pub(crate) fn of_family(&self, family: Family, count: usize) -> Vec<Objects> {
         let frame = |number| {
             let mut rng = self.rng(FIRST_SET + family as u64, number);
             (0..MAX_DRAWS).find_map(|_| self.objects(family, &mut rng))

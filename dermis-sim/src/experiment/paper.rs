@@ -69,7 +69,7 @@ impl<T> Sets<T> {
     }
 
     /// The results of a function for each of them.
-    pub fn map<'a, U>(&'a self, mut function: impl FnMut(&'a T) -> U) -> Sets<U> {
+    pub(crate) fn map<'a, U>(&'a self, mut function: impl FnMut(&'a T) -> U) -> Sets<U> {
         let Ok(sets) = self.try_map(|one| Ok::<U, std::convert::Infallible>(function(one)));
         sets
     }

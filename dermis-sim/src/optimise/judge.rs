@@ -24,7 +24,7 @@ pub struct Judgement {
 
 impl Judgement {
     /// The value of an objective, m.
-    pub fn of(&self, objective: Objective) -> f64 {
+    pub(crate) fn of(&self, objective: Objective) -> f64 {
         match objective {
             Objective::Worst => self.worst_m,
             Objective::Mean => self.mean_m,

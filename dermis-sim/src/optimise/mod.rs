@@ -201,7 +201,7 @@ impl Layouts<'_> {
     ///
     /// # Errors
     /// As [`model_bounds`](Self::model_bounds).
-    pub fn given(&self) -> crate::Result<Option<Start>> {
+    pub(crate) fn given(&self) -> crate::Result<Option<Start>> {
         let Optimiser { options, given, places, .. } = self.shared;
         if given.electrodes.len() != self.electrode_count || !places.allow_given {
             return Ok(None);
@@ -227,7 +227,7 @@ impl Layouts<'_> {
     ///
     /// # Errors
     /// Electrodes off the body.
-    pub fn model_bounds(&self, electrodes_m: &[Point3]) -> crate::Result<Vec<(Point3, f64)>> {
+    pub(crate) fn model_bounds(&self, electrodes_m: &[Point3]) -> crate::Result<Vec<(Point3, f64)>> {
         let fields = self.fields(electrodes_m)?;
         let bounds_m = self.numbered(&fields, Objective::Mean).bounds_m();
         Ok(fields.presses().iter().map(|press| press.place_m).zip(bounds_m).collect())

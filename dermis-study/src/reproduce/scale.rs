@@ -23,7 +23,7 @@ pub(super) const CHOOSING_SEED: u64 = 2001;
 
 impl Scale {
     /// Number of reported twins.
-    pub fn twins(self) -> u64 {
+    pub(crate) fn twins(self) -> u64 {
         match self {
             Scale::Glance => 1,
             Scale::Quick => 2,
@@ -50,7 +50,7 @@ impl Scale {
 
     /// Step of the pixels that are pressed for maps. 37 has no common divisor with the shipped image sizes, so that all
     /// columns are used.
-    pub fn grid_step(self) -> usize {
+    pub(crate) fn grid_step(self) -> usize {
         match self {
             Scale::Glance => 37,
             Scale::Quick | Scale::Paper => 1,
@@ -66,7 +66,7 @@ impl Scale {
     }
 
     /// Number of untouched frames for the noise estimate of images.
-    pub fn untouched(self) -> u64 {
+    pub(crate) fn untouched(self) -> u64 {
         match self {
             Scale::Glance => 50,
             Scale::Quick => 500,
@@ -75,7 +75,7 @@ impl Scale {
     }
 
     /// Number of fresh Gaussian touches for the unexplained variance of images.
-    pub fn explained(self) -> u64 {
+    pub(crate) fn explained(self) -> u64 {
         match self {
             Scale::Glance => 32,
             Scale::Quick => 640,
@@ -84,7 +84,7 @@ impl Scale {
     }
 
     /// Size of the benchmark of each twin.
-    pub fn result(self) -> BenchmarkOptions {
+    pub(crate) fn result(self) -> BenchmarkOptions {
         let whole = Sizes::default();
         match self {
             Scale::Glance => {

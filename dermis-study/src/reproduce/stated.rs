@@ -103,7 +103,7 @@ const FACTS: [(&str, Fact); 10] = [
     ("voltages", |results| results.bench.skin.design().protocol.channel_count().to_string()),
     ("image", |results| match results.bench.skin.design().image {
         ImageLayout::Grid { rows, columns } => format!("{rows} x {columns}"),
-        ImageLayout::Cells => format!("{} cells", results.bench.skin.pixels().len()),
+        ImageLayout::Cells | ImageLayout::Patches => format!("{} pixels", results.bench.skin.pixels().len()),
     }),
     ("frame_rate", |results| format!("{:.0}", results.bench.twin.electronics.frame_rate_hz)),
     ("reading_rate", |results| format!("{:.0},000", results.bench.twin.electronics.slot_rate_hz / 1e3)),

@@ -72,7 +72,7 @@ impl Step {
     }
 
     /// Runs it, unless its output exists already.
-    pub fn carry_out(&self, program: &Path) -> Result<()> {
+    pub(crate) fn carry_out(&self, program: &Path) -> Result<()> {
         if self.done.is_file() {
             return Ok(());
         }

@@ -55,7 +55,7 @@ pub(super) struct DesignFile {
     pub(crate) electrodes: At<ElectrodesTable>,
     /// The order of a frame's values.
     pub(crate) protocol: At<ProtocolTable>,
-    /// The image to reconstruct; default: a grid of 30 x 30, on a mesh body one value per cell.
+    /// The image to reconstruct; default: a grid of 30 x 30, on a mesh body patches.
     pub(crate) image: Option<At<ImageTable>>,
     /// Resolution of the generated mesh; default: chosen from the sizes of the body and the electrodes.
     pub(crate) mesh: Option<At<MeshTable>>,
@@ -347,6 +347,9 @@ pub(super) enum ImageTable {
     },
     /// A pixel for every cell of the mesh.
     Cells,
+    /// Groups of neighbouring cells of a surface, about a sixth of the electrodes' spacing wide: the default of bodies from
+    /// mesh files.
+    Patches,
 }
 
 /// Resolution of the generated mesh.

@@ -323,6 +323,8 @@ pub enum ImageLayout {
     },
     /// A pixel for every cell of the mesh.
     Cells,
+    /// Groups of neighbouring cells, about a sixth of the electrodes' spacing wide; cells where they are no finer.
+    Patches,
 }
 
 /// Resolution and accuracy of the mesh. Lengths in m.

@@ -147,7 +147,8 @@ impl Source<'_> {
         let image = match file.image.as_ref().map(|image| &image.value) {
             Some(ImageTable::Cells) => ImageLayout::Cells,
             Some(ImageTable::Grid { rows, columns }) => ImageLayout::Grid { rows: rows.value, columns: columns.value },
-            None if matches!(body, Body::Mesh { .. }) => ImageLayout::Cells,
+            Some(ImageTable::Patches) => ImageLayout::Patches,
+            None if matches!(body, Body::Mesh { .. }) => ImageLayout::Patches,
             None => ImageLayout::Grid { rows: 30, columns: 30 },
         };
         Ok(SkinDesign {

@@ -2,6 +2,7 @@
 
 mod cells;
 mod grid;
+mod patches;
 #[cfg(test)]
 pub(crate) mod tests;
 
@@ -18,9 +19,9 @@ use std::sync::Arc;
 pub struct PixelSpace {
     /// The surface of the pixels.
     pub surface: Surface,
-    /// Rows and columns of the grid; `None` if every cell is a pixel.
+    /// Rows and columns of the grid; `None` if pixels are cells or groups of cells.
     pub grid: Option<[usize; 2]>,
-    /// Index in the grid, row-major, of each pixel (the cell's index without a grid).
+    /// Index in the grid, row-major, of each pixel (its own index without a grid).
     pub position_in_grid: Vec<usize>,
     /// Centre of each pixel on the surface, m (of the part inside the body).
     pub centres_m: Vec<Point3>,
@@ -49,6 +50,7 @@ impl PixelSpace {
     pub fn for_design(design: &SkinDesign, mesh: &Mesh) -> Result<Self, MeshError> {
         match design.image {
             ImageLayout::Cells => Ok(Self::cells(mesh, design.body.surface())),
+            ImageLayout::Patches => Ok(patches::pixels(mesh, design.body.surface())),
             ImageLayout::Grid { rows, columns } => grid::pixels(&design.body, [rows, columns], mesh),
         }
     }

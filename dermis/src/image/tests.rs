@@ -191,6 +191,56 @@ fn every_cell_is_a_pixel_of_a_mesh_body() {
 }
 
 #[test]
+fn patches_are_connected_alike_and_a_sixth_of_the_spacing_wide() {
+    let (_, mut mesh) = cylinder();
+    let cells = PixelSpace::cells(&mesh, Surface::Free);
+    // Fewer electrodes: a sixth of their spacing is more than a cell.
+    mesh.electrodes.truncate(8);
+    let body = Body::Mesh { path: "skin.msh".into(), unit_m: 1.0 };
+    let space = PixelSpace::for_design(&design(body, ImageLayout::Patches), &mesh).unwrap();
+    assert_partition(&space, &mesh);
+    let wanted = 36 * mesh.electrodes.len();
+    assert!((wanted * 4 / 5..wanted * 5 / 4).contains(&space.len()), "{} pixels, not about {wanted}", space.len());
+    let mean = space.areas.iter().sum::<f64>() / space.len() as f64;
+    assert!(space.areas.iter().all(|area| (0.2..2.5).contains(&(area / mean))));
+    for (pixel, around) in space.neighbours.iter().enumerate() {
+        assert!((2..=10).contains(&around.len()), "pixel {pixel} has the neighbours {around:?}");
+        assert!(around.iter().all(|&other| space.neighbours[other].contains(&pixel)));
+        // Its centre is one of its cells, and its normal that of the wall.
+        assert!(space.overlaps[pixel].iter().any(|&(cell, _)| cells.centres_m[cell] == space.centres_m[pixel]));
+        let [x, y, _] = space.centres_m[pixel];
+        assert!(dot(vector::normalize([x, y, 0.0]), space.normals[pixel]) > 0.98);
+    }
+    // With all electrodes the cells are no finer than that.
+    assert_eq!(super::patches::pixels(&cylinder().1, Surface::Free).len(), mesh.cell_count());
+}
+
+#[test]
+fn patches_do_not_reach_through_a_thin_body() {
+    // Two plates 1 mm apart, joined nowhere.
+    let side = 40;
+    let node = |plate: usize, i: usize, j: usize| plate * (side + 1) * (side + 1) + i * (side + 1) + j;
+    let at = |plate: usize, i: usize, j: usize| [i as f64, j as f64, plate as f64].map(|value| 1e-3 * value);
+    let places = |plate: usize| (0..=side).flat_map(move |i| (0..=side).map(move |j| at(plate, i, j)));
+    let squares = (0..2).flat_map(|plate| (0..side * side).map(move |square| (plate, square / side, square % side)));
+    let triangles = squares.flat_map(|(plate, i, j)| {
+        let [a, b, c, d] = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]].map(|[i, j]| node(plate, i, j));
+        [[a, b, c], [a, c, d]]
+    });
+    let mesh = Mesh {
+        nodes: (0..2).flat_map(places).collect(),
+        cells: Cells::Triangles(triangles.collect()),
+        electrodes: Vec::new(),
+        regions: Vec::new(),
+    };
+    let space = super::patches::pixels(&mesh, Surface::Free);
+    assert_partition(&space, &mesh);
+    assert!(space.len() < mesh.cell_count() / 10);
+    let plate = |cell: usize| cell / (2 * side * side);
+    assert!(space.overlaps.iter().all(|cells| cells.iter().all(|(cell, _)| plate(*cell) == plate(cells[0].0))));
+}
+
+#[test]
 fn tetrahedra_are_neighbours_across_faces_and_look_outwards() {
     // A cube around the origin cut into five tetrahedra: four corners and a middle one.
     let nodes: Vec<Point3> = (0..8).map(|i| [i & 1, (i >> 1) & 1, (i >> 2) & 1].map(|v| v as f64 - 0.5)).collect();

@@ -148,20 +148,58 @@ fn fit(
             *value = effect / sd_ohm[channel];
         }
     }
-    let mut fit = Matrix::zeros(channel_count, drift_count);
-    let rows: Vec<&[f64]> = columns.values.chunks_exact(channel_count).collect();
-    let mut normal = gram(&rows);
-    (0..count).for_each(|i| *normal.at_mut(i, i) += 1.0);
-    // The identity matrix keeps it positive definite, if the noise is finite.
-    let Ok(factor) = Cholesky::new(&normal) else { return Ok(fit) };
-    let effects = columns.transposed();
-    for mode in 0..drift_count {
-        let mut unit = vec![0.0; count];
-        unit[mode] = 1.0;
-        let of_mode = factor.solve(&unit);
-        for (channel, sd) in sd_ohm.iter().enumerate() {
-            *fit.at_mut(channel, mode) = dot(&of_mode, effects.row(channel)) / sd;
-        }
+    let mut fit = separated(&columns, drift_count);
+    for (channel, sd) in sd_ohm.iter().enumerate() {
+        (0..drift_count).for_each(|mode| *fit.at_mut(channel, mode) /= sd);
     }
     Ok(fit)
+}
+
+/// The first rows of `(C C' + 1)^-1 C` for the rows `C` of the unknowns, transposed: channels x drift modes. With more unknowns
+/// than channels from the equal `C (C' C + 1)^-1`.
+fn separated(unknowns: &Matrix, drift_count: usize) -> Matrix {
+    let channels = unknowns.transposed();
+    let is_wide = unknowns.rows > channels.rows;
+    let side = if is_wide { &channels } else { unknowns };
+    let mut normal = gram(&side.values.chunks_exact(side.columns).collect::<Vec<_>>());
+    (0..side.rows).for_each(|i| *normal.at_mut(i, i) += 1.0);
+    let mut fit = Matrix::zeros(channels.rows, drift_count);
+    // The identity matrix keeps it positive definite, if the noise is finite.
+    let Ok(factor) = Cholesky::new(&normal) else { return fit };
+    for mode in 0..drift_count {
+        let of_channels = if is_wide {
+            factor.solve(unknowns.row(mode))
+        } else {
+            let mut unit = vec![0.0; unknowns.rows];
+            unit[mode] = 1.0;
+            let of_unknowns = factor.solve(&unit);
+            (0..channels.rows).map(|channel| dot(&of_unknowns, channels.row(channel))).collect()
+        };
+        of_channels.into_iter().enumerate().for_each(|(channel, value)| *fit.at_mut(channel, mode) = value);
+    }
+    fit
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn drift_is_separated_with_fewer_and_with_more_unknowns_than_channels() {
+        for (unknowns, channels) in [(5, 9), (9, 9), (14, 9)] {
+            let values = (0..unknowns * channels).map(|index| ((index * index * 7) as f64).sin()).collect();
+            let columns = Matrix { rows: unknowns, columns: channels, values };
+            let fit = separated(&columns, 3);
+            for mode in 0..3 {
+                // `x (C' C + 1) = C` for a row `x` of the result.
+                let found: Vec<f64> = (0..channels).map(|channel| fit.at(channel, mode)).collect();
+                let products: Vec<f64> = (0..unknowns).map(|row| dot(columns.row(row), &found)).collect();
+                for channel in 0..channels {
+                    let back: f64 = (0..unknowns).map(|row| products[row] * columns.at(row, channel)).sum();
+                    let residual = back + found[channel] - columns.at(mode, channel);
+                    assert!(residual.abs() < 1e-13, "{unknowns} x {channels}, mode {mode}: {residual:e}");
+                }
+            }
+        }
+    }
 }

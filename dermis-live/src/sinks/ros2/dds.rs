@@ -73,7 +73,7 @@ impl PublisherOptions {
     ///
     /// # Errors
     /// A value that is not a number up to 232.
-    pub fn domain(&self) -> Result<u16, PublishError> {
+    pub(crate) fn domain(&self) -> Result<u16, PublishError> {
         let given = match self.domain {
             Some(domain) => domain.to_string(),
             None => std::env::var("ROS_DOMAIN_ID").ok().filter(|text| !text.is_empty()).unwrap_or_else(|| "0".into()),

@@ -293,7 +293,7 @@ messages! {
 
 impl Pose {
     /// A position without rotation.
-    pub fn at([x, y, z]: [f64; 3]) -> Self {
+    pub(crate) fn at([x, y, z]: [f64; 3]) -> Self {
         Pose { position: Point { x, y, z }, orientation: Quaternion { w: 1.0, ..Quaternion::default() } }
     }
 }

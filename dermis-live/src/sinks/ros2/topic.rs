@@ -49,23 +49,23 @@ impl Topic {
     pub const COUNT: usize = TOPICS.len();
 
     /// All topics.
-    pub fn all() -> impl Iterator<Item = Topic> {
+    pub(crate) fn all() -> impl Iterator<Item = Topic> {
         TOPICS.iter().map(|(topic, ..)| *topic)
     }
 
     /// Its name within a namespace.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         TOPICS[self as usize].1
     }
 
     /// Its absolute name; diagnostics are one topic for a whole robot, whatever the namespace (`""` or `/left_arm`).
-    pub fn absolute(self, namespace: &str) -> String {
+    pub(crate) fn absolute(self, namespace: &str) -> String {
         let namespace = if self == Topic::Diagnostics { "" } else { namespace.trim_end_matches('/') };
         format!("{namespace}/{}", self.name())
     }
 
     /// The type of its messages.
-    pub fn type_name(self) -> &'static str {
+    pub(crate) fn type_name(self) -> &'static str {
         TOPICS[self as usize].2
     }
 }
@@ -81,7 +81,7 @@ pub struct Reference {
 
 impl Reference {
     /// The header of a measurement at `moment`.
-    pub fn header(&self, moment: Timestamp) -> Header {
+    pub(crate) fn header(&self, moment: Timestamp) -> Header {
         Header { stamp: Time::from(moment), frame_id: self.frame_id.clone() }
     }
 
@@ -106,19 +106,19 @@ pub struct Due {
 
 impl Due {
     /// Whether markers are due with this frame.
-    pub fn markers(&mut self, frame: &LiveFrame) -> bool {
+    pub(crate) fn markers(&mut self, frame: &LiveFrame) -> bool {
         let drawn = self.drawn.replace(!frame.result.contacts.is_empty());
         !frame.result.contacts.is_empty() || drawn != Some(false)
     }
 
     /// Whether the validity is due with this frame, where it is sent on changes only.
-    pub fn validity(&mut self, frame: &LiveFrame) -> bool {
+    pub(crate) fn validity(&mut self, frame: &LiveFrame) -> bool {
         let name = frame.result.validity.name();
         self.validity.replace(name) != Some(name)
     }
 
     /// Whether diagnostics are due with this frame.
-    pub fn diagnostics(&mut self, frame: &LiveFrame) -> bool {
+    pub(crate) fn diagnostics(&mut self, frame: &LiveFrame) -> bool {
         let states = || frame.result.health.electrodes.iter().map(|electrode| electrode.state);
         let long_ago = self.told_at.is_none_or(|at| !(0.0..1.0).contains(&frame.result.measured_at.seconds_since(at)));
         let name = frame.result.validity.name();
