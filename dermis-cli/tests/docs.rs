@@ -302,13 +302,13 @@ fn runs<'a>(table: &'a Table<'a>) -> (Vec<&'a str>, usize) {
 
 #[test]
 fn the_rows_of_benchmark_tables_are_figures() {
-    let validation = page("docs/validation.md");
-    let tables = benchmark_tables(&validation);
+    let ledger = page("docs/validation-ledger.md");
+    let tables = benchmark_tables(&ledger);
     assert_eq!(tables.len(), 3, "linear methods, networks, refined contacts");
     for table in tables {
         for row in &table.rows {
             let known = dermis_study::metrics::figures().any(|figure| figure.name == row[0]);
-            assert!(known, "docs/validation.md:{}: `dermis benchmark` prints no `{}`", table.line, row[0]);
+            assert!(known, "docs/validation-ledger.md:{}: `dermis benchmark` prints no `{}`", table.line, row[0]);
         }
     }
 }
@@ -316,8 +316,8 @@ fn the_rows_of_benchmark_tables_are_figures() {
 #[test]
 #[ignore = "slow: `dermis benchmark` on ten twins, eleven times, about half an hour"]
 fn benchmark_tables_hold_what_the_commands_print() {
-    let validation = page("docs/validation.md");
-    for table in benchmark_tables(&validation) {
+    let ledger = page("docs/validation-ledger.md");
+    for table in benchmark_tables(&ledger) {
         let (runs, first) = runs(&table);
         for (column, command) in runs.iter().enumerate() {
             let printed = Shell::new().run(command);
