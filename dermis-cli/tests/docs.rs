@@ -285,6 +285,29 @@ fn console_blocks_print_what_they_show() {
     assert!(run_console_blocks(None) >= 4, "the tour has four");
 }
 
+/// Parts of a page between `<!-- generated: COMMAND -->` and `<!-- end -->`: the output of `dermis`, or a text that the
+/// named test compares.
+#[test]
+fn generated_parts_are_what_their_commands_print() {
+    let (helps, tests) = (Helps::new(), test_names());
+    let mut outputs = 0;
+    for page in &pages() {
+        for part in page.text.split("<!-- generated: ").skip(1) {
+            let (command, rest) = part.split_once(" -->\n").expect("a command");
+            let place = format!("{}: {command}", page.name);
+            let (shown, _) = rest.split_once("<!-- end -->").unwrap_or_else(|| panic!("{place}: has no end"));
+            if command.starts_with("dermis ") {
+                let printed = Shell::new().run(command);
+                assert_eq!(shown.trim(), format!("```text\n{}\n```", printed.trim()), "{place}");
+                outputs += 1;
+            } else {
+                check_command(command, &helps, &tests).unwrap_or_else(|why| panic!("{place}: {why}"));
+            }
+        }
+    }
+    assert!(outputs > 0, "the index has the commands");
+}
+
 /// The tables of `dermis benchmark`: a row for each figure, a column for each run with `mean (worst twin)`.
 fn benchmark_tables(page: &Page) -> Vec<Table<'_>> {
     let mut tables = page.tables();
