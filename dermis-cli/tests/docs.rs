@@ -4,6 +4,7 @@
 mod pages;
 
 use pages::{Page, Shell, Table, assert_cell, assert_shown, dermis, page, pages, root, spans};
+use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
@@ -285,6 +286,89 @@ fn console_blocks_print_what_they_show() {
     assert!(run_console_blocks(None) >= 4, "the tour has four");
 }
 
+/// Parts of a page between `<!-- generated: COMMAND -->` and `<!-- end -->`: what `dermis` prints, or a text that the named
+/// test compares. `DERMIS_WRITE=1` writes the former.
+#[test]
+fn generated_parts_are_what_their_commands_print() {
+    let (helps, tests) = (Helps::new(), test_names());
+    let mut outputs = 0;
+    for page in &pages() {
+        let mut text = page.text.clone();
+        for part in page.text.split("<!-- generated: ").skip(1) {
+            let (command, rest) = part.split_once(" -->\n").expect("a command");
+            let place = format!("{}: {command}", page.name);
+            let (shown, _) = rest.split_once("<!-- end -->").unwrap_or_else(|| panic!("{place}: has no end"));
+            if command.starts_with("dermis ") {
+                let expected = generated(command);
+                text = text.replace(&format!("{command} -->\n{shown}"), &format!("{command} -->\n{expected}"));
+                outputs += 1;
+            } else {
+                check_command(command, &helps, &tests).unwrap_or_else(|why| panic!("{place}: {why}"));
+            }
+        }
+        if std::env::var_os("DERMIS_WRITE").is_some() && text != page.text {
+            fs::write(root().join(&page.name), &text).expect("the page can be written");
+        } else {
+            let how = "write it: DERMIS_WRITE=1 cargo test --release -p dermis-cli generated_parts";
+            assert_eq!(text, page.text, "{}: {how}", page.name);
+        }
+    }
+    assert!(outputs > 2, "commands, keys of designs and of twins");
+}
+
+/// The text of a generated part: a table of the keys of a JSON schema, or the output as it is.
+fn generated(command: &str) -> String {
+    let printed = Shell::new().run(command);
+    if !command.starts_with("dermis schema") {
+        return format!("\n```text\n{}\n```\n\n", printed.trim());
+    }
+    let schema: Value = serde_json::from_str(&printed).expect("JSON");
+    let mut rows = Vec::new();
+    keys(&schema, &schema, "", &mut rows);
+    let rows: String = rows.iter().map(|(key, meaning)| format!("| `{key}` | {meaning} |\n")).collect();
+    format!("\n| key | meaning |\n|---|---|\n{rows}\n")
+}
+
+/// The keys below a node of a schema, with their meanings; the alternative that a key is of tells the meaning of one without.
+fn keys(schema: &Value, node: &Value, path: &str, rows: &mut Vec<(String, String)>) {
+    for node in variants(schema, node) {
+        let alternative = if path.is_empty() { "" } else { node["description"].as_str().unwrap_or_default() };
+        for (name, property) in node["properties"].as_object().into_iter().flatten() {
+            let key = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
+            if rows.iter().all(|(known, _)| *known != key) {
+                let meaning = property["description"].as_str().unwrap_or(alternative).replace('\n', " ");
+                rows.push((key.clone(), meaning.replace('|', "\\|") + &words(schema, property)));
+            }
+            keys(schema, property, &key, rows);
+        }
+        if node["items"].is_object() {
+            keys(schema, &node["items"], &format!("{path}[]"), rows);
+        }
+    }
+}
+
+/// A node and its alternatives, with references followed.
+fn variants<'a>(schema: &'a Value, node: &'a Value) -> Vec<&'a Value> {
+    let mut all = vec![node];
+    if let Some(name) = node["$ref"].as_str().and_then(|path| path.strip_prefix("#/$defs/")) {
+        all.extend(variants(schema, &schema["$defs"][name]));
+    }
+    for kind in ["oneOf", "anyOf", "allOf"] {
+        all.extend(node[kind].as_array().into_iter().flatten().flat_map(|node| variants(schema, node)));
+    }
+    all
+}
+
+/// The words that a key may have.
+fn words(schema: &Value, property: &Value) -> String {
+    let nodes = variants(schema, property);
+    let words = nodes.iter().flat_map(|node| {
+        node["enum"].as_array().into_iter().flatten().chain(std::iter::once(&node["const"])).filter_map(Value::as_str)
+    });
+    let words: Vec<String> = words.map(|word| format!("`\"{word}\"`")).collect();
+    if words.is_empty() { String::new() } else { format!(" Words: {}.", words.join(", ")) }
+}
+
 /// The tables of `dermis benchmark`: a row for each figure, a column for each run with `mean (worst twin)`.
 fn benchmark_tables(page: &Page) -> Vec<Table<'_>> {
     let mut tables = page.tables();
@@ -302,13 +386,13 @@ fn runs<'a>(table: &'a Table<'a>) -> (Vec<&'a str>, usize) {
 
 #[test]
 fn the_rows_of_benchmark_tables_are_figures() {
-    let validation = page("docs/validation.md");
-    let tables = benchmark_tables(&validation);
+    let ledger = page("docs/validation-ledger.md");
+    let tables = benchmark_tables(&ledger);
     assert_eq!(tables.len(), 3, "linear methods, networks, refined contacts");
     for table in tables {
         for row in &table.rows {
             let known = dermis_study::metrics::figures().any(|figure| figure.name == row[0]);
-            assert!(known, "docs/validation.md:{}: `dermis benchmark` prints no `{}`", table.line, row[0]);
+            assert!(known, "docs/validation-ledger.md:{}: `dermis benchmark` prints no `{}`", table.line, row[0]);
         }
     }
 }
@@ -316,8 +400,8 @@ fn the_rows_of_benchmark_tables_are_figures() {
 #[test]
 #[ignore = "slow: `dermis benchmark` on ten twins, eleven times, about half an hour"]
 fn benchmark_tables_hold_what_the_commands_print() {
-    let validation = page("docs/validation.md");
-    for table in benchmark_tables(&validation) {
+    let ledger = page("docs/validation-ledger.md");
+    for table in benchmark_tables(&ledger) {
         let (runs, first) = runs(&table);
         for (column, command) in runs.iter().enumerate() {
             let printed = Shell::new().run(command);
