@@ -12,6 +12,7 @@ use dermis::plausibility::Plausibility;
 use dermis::protocol::Protocol;
 use dermis::reconstruct::ReconstructError;
 use dermis::skin::Skin;
+use dermis::text::counted;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -32,12 +33,18 @@ pub struct FrameArguments {
     /// The frames are differences from the untouched skin.
     #[arg(long)]
     pub difference: bool,
+    #[arg(long, requires = "baseline", help = PAIRED_HELP)]
+    pub paired: bool,
     /// Go on with frames that are not those of the design, or not of the baseline.
     #[arg(long)]
     pub force: bool,
     #[command(flatten)]
     pub currents: CurrentArguments,
 }
+
+/// Help of `--paired`.
+pub const PAIRED_HELP: &str = "Each row of --baseline is the untouched frame of the same row of --frames, as recordings \
+    have them that go up and down at each press: slow drift cancels";
 
 /// Help of `--currents`.
 pub const CURRENTS_HELP: &str = "Measured currents of the drives (A; CSV, NPY or NPZ), a column per drive in the order \
@@ -91,6 +98,8 @@ pub struct Recorded {
     pub frames: Vec<Frame>,
     /// The untouched frames, ohm.
     pub untouched: Vec<Frame>,
+    /// Whether each untouched frame belongs to the frame of the same row.
+    pub paired: bool,
 }
 
 impl FrameArguments {
@@ -100,6 +109,9 @@ impl FrameArguments {
         let left_out = method.left_out();
         let protocol = &skin.design().protocol;
         if self.baseline.as_deref().is_some_and(|path| path.as_os_str() == MODEL) {
+            if self.paired {
+                return Err(Failure::given("the model is one untouched frame", Some("leave --paired out")));
+            }
             let frames = self.currents.convert(protocol, read_frames_without(&self.frames, protocol, left_out)?)?;
             let model = skin.forward().solve(skin.forward().rest_conductivity())?;
             let frames = model_differences(protocol, &model, &frames, left_out)?.frames;
@@ -116,7 +128,7 @@ impl FrameArguments {
     /// it warns of a baseline that is not the model's.
     pub fn check(&self, skin: &Skin, recorded: &Recorded, left_out: &[usize], needs_model: bool) -> Outcome {
         skin::warn_if_ambiguous(skin)?;
-        let Recorded { frames, untouched } = recorded;
+        let Recorded { frames, untouched, .. } = recorded;
         let mut unused = [left_out, &broken_channels(untouched)].concat();
         unused.sort_unstable();
         let model = skin.forward().solve(skin.forward().rest_conductivity())?;
@@ -143,19 +155,28 @@ impl FrameArguments {
     /// Reads the frames. Channels that are left out need no values and are 0.
     pub fn read_recorded(&self, protocol: &Protocol, left_out: &[usize]) -> Outcome<Recorded> {
         let frames = self.currents.convert(protocol, read_frames_without(&self.frames, protocol, left_out)?)?;
-        let Some(path) = &self.baseline else { return Ok(Recorded { frames, untouched: Vec::new() }) };
+        let Some(path) = &self.baseline else {
+            return Ok(Recorded { frames, untouched: Vec::new(), paired: false });
+        };
         let untouched = read_frames_without(path, protocol, left_out)?;
         if untouched.is_empty() {
             return Err(Failure::given(format!("{} holds no frame", path.display()), None));
         }
-        Ok(Recorded { frames, untouched: self.currents.convert_untouched(protocol, untouched)? })
+        if self.paired && untouched.len() != frames.len() {
+            let (path, rows) = (path.display(), counted(untouched.len(), "row"));
+            let message = format!("{path} has {rows}, and there are {}", counted(frames.len(), "frame"));
+            return Err(Failure::given(message, Some("give an untouched frame for each frame, or leave --paired out")));
+        }
+        let untouched = self.currents.convert_untouched(protocol, untouched)?;
+        Ok(Recorded { frames, untouched, paired: self.paired })
     }
 }
 
 impl Recorded {
-    /// The frames minus the mean of the untouched ones.
+    /// The frames minus the untouched ones: their mean, or each its own.
     pub fn into_differences(self) -> Differences {
-        Differences::new(self.frames, self.untouched)
+        let subtract = if self.paired { Differences::paired } else { Differences::new };
+        subtract(self.frames, self.untouched)
     }
 }
 

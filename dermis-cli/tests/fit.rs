@@ -78,7 +78,7 @@ fn frames_that_no_design_fits_are_refused() {
     let wrong = at.refused("fit backwards.toml --frames rest.csv -o wrong.toml");
     assert!(wrong.contains("correlate at -1.00") && wrong.contains("measures_reversed"), "{wrong}");
     assert!(!at.path("wrong.toml").exists());
-    // A channel table is found beside the design alone.
+    // A fitted design carries the channel table that the design names.
     let pairs =
         (0..8).flat_map(|drive| (0..8).filter(move |&measure| measure != drive).map(move |measure| (drive, measure)));
     let rows = pairs.enumerate().map(|(channel, (drive, measure))| {
@@ -89,9 +89,20 @@ fn frames_that_no_design_fits_are_refused() {
     let table = DISK.replace("pattern = \"adjacent_undriven\"", "pattern.table = \"channels.csv\"");
     at.write("table.toml", table);
     std::fs::create_dir(at.path("elsewhere")).unwrap();
-    let moved = at.refused("fit table.toml --frames rest.csv -o elsewhere/fitted.toml");
-    assert!(moved.contains("write the fitted design to the folder of the design"), "{moved}");
+    at.good("fit table.toml --frames rest.csv -o elsewhere/fitted.toml");
+    let frame = |design: &str| {
+        at.good(&format!("forward {design} -o untouched.csv"));
+        std::fs::read(at.path("untouched.csv")).unwrap()
+    };
     at.good("fit table.toml --frames rest.csv -o beside.toml");
+    let beside = frame("beside.toml");
+    std::fs::remove_file(at.path("channels.csv")).unwrap();
+    assert_eq!(frame("elsewhere/fitted.toml"), beside);
+    let damaged = std::fs::read_to_string(at.path("beside.toml"))
+        .unwrap()
+        .replace("\n\"channels.csv\" = \"", "\n\"channels.csv\" = \"x");
+    at.write("damaged.toml", damaged);
+    assert!(at.refused("forward damaged.toml -o f.csv").contains("is not a file that the design carries"));
 }
 
 #[test]

@@ -1,12 +1,12 @@
 //! The surface of a body from a mesh file: normals, edges, places.
 
 use crate::error::FabricateError;
+use dermis::design::MeshFile;
 use dermis::geom::vector::{add, cross, distance, dot, norm, normalize, scale, sub, triangle_area};
 use dermis::geom::{Point3, TriangleTree};
 use dermis::mesh::{Cells, import};
 use std::collections::HashMap;
 use std::f64::consts::TAU;
-use std::path::Path;
 
 /// A surface of triangles, counter-clockwise as seen from outside.
 #[derive(Debug, Clone)]
@@ -25,10 +25,10 @@ pub struct BodyMesh {
 }
 
 impl BodyMesh {
-    pub(crate) fn load(path: &Path, unit_m: f64) -> Result<Self, FabricateError> {
-        let mesh = import::load(path, unit_m)?;
+    pub(crate) fn load(file: &MeshFile, unit_m: f64) -> Result<Self, FabricateError> {
+        let mesh = import::load_body(file, unit_m)?;
         let Cells::Triangles(triangles) = mesh.cells else {
-            let message = format!("{}: a body of tetrahedra has no coat", path.display());
+            let message = format!("{}: a body of tetrahedra has no coat", file.path.display());
             return Err(FabricateError::part(message, "give its surface as triangles"));
         };
         let mut body = BodyMesh::new(mesh.nodes, triangles);

@@ -74,7 +74,7 @@ impl Fabrication {
         design.check_fabrication()?;
         let options = design.fabrication_options();
         let body_mesh = match &design.body {
-            Body::Mesh { path, unit_m } => Some(BodyMesh::load(path, *unit_m)?),
+            Body::Mesh { file, unit_m } => Some(BodyMesh::load(file, *unit_m)?),
             _ => None,
         };
         let places = match &body_mesh {

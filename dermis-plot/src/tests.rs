@@ -125,7 +125,7 @@ fn a_volume_shows_its_outside_and_cannot_be_unrolled() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/bodies");
     let mesh = import::load(&folder.join("block_4.1_ascii.msh"), 1.0).unwrap();
     let mut design = SkinDesign::shipped("tank16").unwrap();
-    design.body = Body::Mesh { path: "block.msh".into(), unit_m: 1.0 };
+    design.body = Body::Mesh { file: "block.msh".into(), unit_m: 1.0 };
     let scene = Drawing::new(&design, &mesh).mesh();
     let centre = dermis::geom::vector::centroid(&mesh.nodes);
     for tile in &scene.tiles {
@@ -153,7 +153,7 @@ fn a_projected_body_has_no_holes() {
     };
     let scene = Scene { tiles: vec![face(0.01, true), face(0.0, false)], ..Scene::default() };
     let mut design = SkinDesign::shipped("tank16").unwrap();
-    design.body = Body::Mesh { path: "box.stl".into(), unit_m: 1.0 };
+    design.body = Body::Mesh { file: "box.stl".into(), unit_m: 1.0 };
     let svg = View::Flat.draw(&scene, &design).unwrap().to_svg();
     let path = svg.lines().find(|line| line.contains("#010203")).expect("the faces");
     let [one, other] = path.split("Z").take(2).map(area_of).collect::<Vec<_>>()[..] else { panic!("{path}") };

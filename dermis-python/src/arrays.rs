@@ -2,6 +2,7 @@
 
 use crate::failure::{Failure, Outcome};
 use dermis::frame::{Differences, Frame};
+use dermis::text::counted;
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -40,22 +41,49 @@ impl<'py> Rows<'py> {
     }
 }
 
-/// The differences of frames from the mean of untouched ones, or frames that are differences; and whether one frame was
-/// given.
+/// A baseline with an untouched frame for each frame.
+#[pyclass(frozen, module = "dermis")]
+pub struct Paired {
+    baseline: Py<PyAny>,
+}
+
+#[pymethods]
+impl Paired {
+    #[new]
+    fn new(baseline: Py<PyAny>) -> Self {
+        Paired { baseline }
+    }
+}
+
+/// The differences of frames from the mean of untouched ones or each from its own, or frames that are differences; and whether
+/// one frame was given.
 pub fn differences(
     frames: &Bound<'_, PyAny>,
     baseline: Option<&Bound<'_, PyAny>>,
     channels: usize,
 ) -> Outcome<(Differences, bool)> {
     let rows = Rows::of(frames, "frames", channels)?;
-    let untouched = match baseline {
-        None => Vec::new(),
-        Some(baseline) => Rows::of(baseline, "baseline", channels)?.frames()?,
+    let Some(baseline) = baseline else {
+        return Ok((Differences::new(rows.frames()?, Vec::new()), rows.is_single));
     };
-    if baseline.is_some() && untouched.is_empty() {
+    let paired = baseline.cast::<Paired>().ok();
+    let array = paired.map_or(baseline, |paired| paired.get().baseline.bind(baseline.py()));
+    let (frames, untouched) = (rows.frames()?, Rows::of(array, "baseline", channels)?.frames()?);
+    if untouched.is_empty() {
         return Err(Failure::given("`baseline` has no frame"));
     }
-    Ok((Differences::new(rows.frames()?, untouched), rows.is_single))
+    if paired.is_none() {
+        return Ok((Differences::new(frames, untouched), rows.is_single));
+    }
+    if untouched.len() != frames.len() {
+        let message =
+            format!("`baseline` has {} for {}", counted(untouched.len(), "frame"), counted(frames.len(), "frame"));
+        return Err(Failure::with_hint(
+            message,
+            "give an untouched frame for each frame, or their mean without Paired",
+        ));
+    }
+    Ok((Differences::paired(frames, untouched), rows.is_single))
 }
 
 /// An argument as a contiguous array of float64; shared where it is one already.

@@ -26,6 +26,8 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _dermis {
     #[pymodule_export]
+    use super::arrays::Paired;
+    #[pymodule_export]
     use super::calibration::Calibration;
     #[pymodule_export]
     use super::command::{commands_json, run_command, run_program};

@@ -62,9 +62,10 @@ impl Skin {
     /// # Errors
     /// As [`load`](Self::load).
     pub fn parse(text: &str, name: &str) -> Result<Self> {
-        let design = SkinDesign::parse(text, name)?;
+        let text = SkinDesign::with_files(text, name)?;
+        let design = SkinDesign::parse(&text, name)?;
         let mesh = Mesh::generate(&design)?;
-        Self::assemble(design, Some(text.into()), &mesh)
+        Self::assemble(design, Some(text), &mesh)
     }
 
     /// Prepares the skin of a design that was built by a program.
@@ -104,7 +105,7 @@ impl Skin {
         &self.parts.design
     }
 
-    /// The text of the design's file; `None` for a design that was built by a program.
+    /// The text of the design's file, with the files that it names inside; `None` for a design that was built by a program.
     pub fn design_text(&self) -> Option<&str> {
         self.parts.design_text.as_deref()
     }

@@ -36,7 +36,7 @@ fn area(mesh: &Mesh, patch: &ElectrodePatch) -> f64 {
 /// A design like the shipped forearm's, on another body.
 fn design(path: &Path, electrodes: &[(Point3, ElectrodeShape)], max_edge_m: f64) -> SkinDesign {
     let mut design = forearm_design();
-    design.body = Body::Mesh { path: path.to_path_buf(), unit_m: 1.0 };
+    design.body = Body::Mesh { file: path.into(), unit_m: 1.0 };
     let electrode =
         |&(centre_m, shape): &(Point3, ElectrodeShape)| Electrode { centre_m, shape, contact_impedance: 2e-5 };
     design.electrodes = electrodes.iter().map(electrode).collect();
@@ -117,6 +117,29 @@ fn the_forearm_gets_round_electrodes_and_well_shaped_triangles() {
     let sleeve = total_area(&forearm::sleeve()) * 1e-6;
     assert!((total_area(&mesh) / sleeve - 1.0).abs() < 2e-3, "{}", total_area(&mesh) / sleeve);
     assert_eq!(import::from_design(&design).unwrap(), mesh, "the same design gives the same mesh");
+}
+
+#[test]
+fn a_design_carries_the_files_that_it_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = folder.path().join("arm.toml").to_string_lossy().into_owned();
+    let text = SkinDesign::text_of(concat!(env!("CARGO_MANIFEST_DIR"), "/designs/forearm.toml")).unwrap();
+    std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/designs/forearm.stl"), folder.path().join("forearm.stl"))
+        .unwrap();
+    let design = SkinDesign::parse(&text, &name).unwrap();
+    let table = text.replace(r#"pattern = "adjacent""#, r#"pattern = { table = "pairs.csv" }"#);
+    assert_ne!(table, text);
+    std::fs::write(folder.path().join("pairs.csv"), design.protocol.to_csv()).unwrap();
+    let carried = SkinDesign::with_files(&table, &name).unwrap();
+    drop(folder);
+    let alone = SkinDesign::parse(&carried, "elsewhere.toml").unwrap();
+    assert_eq!((alone.sha256(), &alone.protocol), (design.sha256(), &design.protocol));
+    assert_eq!(import::from_design(&alone).unwrap(), import::from_design(&forearm_design()).unwrap());
+    // What carries its files needs no others, and the values of a fit are written before them.
+    assert_eq!(SkinDesign::with_files(&carried, "elsewhere.toml").unwrap(), carried);
+    assert_eq!(alone.rewrite(&carried, "elsewhere.toml").unwrap(), carried);
+    let missing = SkinDesign::with_files(&table, "nowhere/arm.toml").unwrap_err().to_string();
+    assert!(missing.contains("nowhere/"), "{missing}");
 }
 
 #[test]

@@ -79,7 +79,7 @@ fn generated(text: &str) -> Result<Mesh, MeshError> {
     design.electrodes.iter_mut().for_each(|electrode| electrode.shape = ElectrodeShape::Group);
     design.protocol = Protocol::adjacent(4).unwrap();
     design.image = ImageLayout::Cells;
-    design.body = Body::Mesh { path, unit_m: 0.01 };
+    design.body = Body::Mesh { file: path.into(), unit_m: 0.01 };
     Mesh::generate(&design)
 }
 
@@ -120,7 +120,7 @@ fn cells_whose_nodes_are_in_another_order_are_reordered() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("body.msh");
         std::fs::write(&path, text).unwrap();
-        import::reordered_cells(&path, 1.0).unwrap()
+        import::reordered_cells(&path.into(), 1.0).unwrap()
     };
     for (good, from, to) in [(STRIP, "5 5 1 3 4", "5 5 1 4 3"), (WEDGE, "2 5 3 4\n", "5 2 3 4\n")] {
         let text = good.replacen(from, to, 1);

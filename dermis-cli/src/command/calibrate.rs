@@ -4,7 +4,7 @@ use crate::calibrated::Presses;
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::fitted;
-use crate::frames::{CurrentArguments, FrameArguments, Recorded};
+use crate::frames::{CurrentArguments, FrameArguments, PAIRED_HELP, Recorded};
 use crate::guided::GuidedArguments;
 use crate::range::count;
 use crate::rows::Rows;
@@ -35,6 +35,8 @@ pub struct Arguments {
     /// The frames are differences from the untouched skin.
     #[arg(long)]
     difference: bool,
+    #[arg(long, requires = "baseline", help = PAIRED_HELP)]
+    paired: bool,
     #[command(flatten)]
     currents: CurrentArguments,
     /// Measured presses, one per frame and in the order of recording: with a header (frame,x_m,y_m on a flat skin,
@@ -83,6 +85,7 @@ impl Arguments {
             frames: frames.clone(),
             baseline: self.baseline.clone(),
             difference: self.difference,
+            paired: self.paired,
             force: self.force,
             currents: self.currents.clone(),
         };
@@ -193,7 +196,7 @@ impl Outlook {
 
 /// Warns of faults of the recording that the calibration does not mend itself.
 fn warn_of_faults(skin: &Skin, recorded: &Recorded, presses: &Presses) -> Outcome {
-    let Recorded { frames, untouched } = recorded;
+    let Recorded { frames, untouched, .. } = recorded;
     let (positions_m, label_frame) = (Some(presses.positions_m()), presses.frame());
     let recording = Recording { frames, untouched, positions_m, label_frame };
     let checked = {

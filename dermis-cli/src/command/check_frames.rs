@@ -50,7 +50,7 @@ impl Arguments {
         }
         let skin = skin::load(&self.design)?;
         skin::warn_if_ambiguous(&skin)?;
-        let Recorded { frames, untouched } = self.frames.read_recorded(&skin.design().protocol, &[])?;
+        let Recorded { frames, untouched, .. } = self.frames.read_recorded(&skin.design().protocol, &[])?;
         let presses = self.truth.as_ref().map(|path| Presses::read(path, &skin, frames.len())).transpose()?;
         let positions_m = presses.as_ref().map(Presses::positions_m);
         let checked = {

@@ -2,11 +2,11 @@
 
 use crate::channels::{Channels, LEAVE_OUT_HELP};
 use crate::console::{Progress, print, print_json, warn};
-use crate::failure::{Failure, Outcome};
+use crate::failure::Outcome;
 use crate::frames::{CURRENTS_HELP, divided};
 use crate::skin;
 use clap::{Args, ValueEnum};
-use dermis::design::{Body, SheetKind, SkinDesign};
+use dermis::design::{SheetKind, SkinDesign};
 use dermis::fit::{Contacts, Determination, Fit, FitOptions, FittedQuantity, Misfit, Offset, Quantity, fit};
 use dermis::frame::{read_frames_without, write_whole};
 use dermis_plot::report::Table;
@@ -78,7 +78,7 @@ struct FitJson<'a> {
 impl Arguments {
     /// Fits the design and writes it.
     pub fn run(self) -> Outcome {
-        let text = SkinDesign::text_of(&self.design)?;
+        let text = SkinDesign::with_files(&SkinDesign::text_of(&self.design)?, &self.design)?;
         let skin = skin::load(&self.design)?;
         let design = skin.design();
         let left_out = self.leave_out.numbers();
@@ -108,22 +108,9 @@ impl Arguments {
         ))
     }
 
-    /// Writes the design's file with the fitted values, if it still describes the same skin in its new folder.
+    /// Writes the design's file with the fitted values, and with the files that it names.
     fn write_design(&self, fit: &Fit, text: &str) -> Outcome {
         let new = fit.design.rewrite(text, &self.design)?;
-        let output = self.output.to_string_lossy();
-        let moved = || {
-            let message = format!("the design names files beside it, which are not beside {output}");
-            Failure::given(message, Some("write the fitted design to the folder of the design"))
-        };
-        let back = SkinDesign::parse(&new, &output).map_err(|_| moved())?;
-        let mesh_file = |design: &SkinDesign| match &design.body {
-            Body::Mesh { path, .. } => Some(std::fs::canonicalize(path).unwrap_or_default()),
-            _ => None,
-        };
-        if back.protocol != fit.design.protocol || mesh_file(&back) != mesh_file(&fit.design) {
-            return Err(moved());
-        }
         Ok(write_whole(&self.output, |out| out.write_all(new.as_bytes()))?)
     }
 }

@@ -34,10 +34,12 @@ impl Arguments {
         if let Some(path) = &self.output {
             export::save(&mesh, path, None)?;
         }
-        if let Body::Mesh { path, unit_m } = &design.body {
-            match import::reordered_cells(path, *unit_m)? {
+        if let Body::Mesh { file, unit_m } = &design.body {
+            match import::reordered_cells(file, *unit_m)? {
                 0 => {}
-                count => warn(&format!("{}: the nodes of {} were reordered", path.display(), counted(count, "cell"))),
+                count => {
+                    warn(&format!("{}: the nodes of {} were reordered", file.path.display(), counted(count, "cell")))
+                }
             }
         }
         let report = MeshReport::new(&design, &mesh);
@@ -67,12 +69,12 @@ fn warn_of_coarse_ends(report: &MeshReport) {
 const MAX_RIMS: usize = 6;
 
 fn warn_of_holes(design: &SkinDesign, report: &MeshReport) {
-    let ([curves, edges], Body::Mesh { path, .. }) = (report.open_curves, &design.body) else { return };
+    let ([curves, edges], Body::Mesh { file, .. }) = (report.open_curves, &design.body) else { return };
     if curves > MAX_RIMS || edges as f64 > MAX_RIMS as f64 * (report.cell_count as f64).sqrt() {
         warn(&format!(
             "{}: the surface has {curves} rims and holes with {}, round which the current must flow: if the body has no such holes, the file lacks \
              triangles; repair it in the program that wrote it",
-            path.display(),
+            file.path.display(),
             counted(edges, "open edge"),
         ));
     }

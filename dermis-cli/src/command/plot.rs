@@ -1,7 +1,7 @@
 //! `dermis plot`: pictures of a skin.
 
 use crate::failure::{Failure, Outcome};
-use crate::frames::{CurrentArguments, FrameArguments, of_each};
+use crate::frames::{CurrentArguments, FrameArguments, PAIRED_HELP, of_each};
 use crate::method::MethodArguments;
 use crate::picture::PictureFormat;
 use crate::range::count;
@@ -42,6 +42,8 @@ pub struct Arguments {
     /// The frames are differences from the untouched skin.
     #[arg(long, requires = "frames")]
     difference: bool,
+    #[arg(long, requires = "baseline", help = PAIRED_HELP)]
+    paired: bool,
     /// Go on with frames that are not those of the design, or not of the baseline.
     #[arg(long, requires = "frames")]
     force: bool,
@@ -180,7 +182,14 @@ impl Arguments {
             return Err(Failure::given("frames need a baseline", Some(fix)));
         }
         let (frames, baseline, currents) = (frames.clone(), self.baseline.clone(), self.currents.clone());
-        let frames = FrameArguments { frames, baseline, difference: self.difference, force: self.force, currents };
+        let frames = FrameArguments {
+            frames,
+            baseline,
+            difference: self.difference,
+            paired: self.paired,
+            force: self.force,
+            currents,
+        };
         let skin = Skin::with_mesh(design.clone(), mesh)?;
         let differences = frames.read(&skin, &self.method)?;
         let method = self.method.prepare(&skin, &differences)?;

@@ -19,8 +19,8 @@ pub(super) fn overview(fabrication: &Fabrication) -> Result<String, FabricateErr
         }
         Body::Disk { diameter_m } => format!("disk, {} mm in diameter", mm(*diameter_m)),
         Body::Rectangle { width_m, height_m } => format!("rectangle, {} x {} mm", mm(*width_m), mm(*height_m)),
-        Body::Mesh { path, .. } => {
-            format!("surface of {}", path.file_name().unwrap_or_default().to_string_lossy())
+        Body::Mesh { file, .. } => {
+            format!("surface of {}", file.path.file_name().unwrap_or_default().to_string_lossy())
         }
     };
     let shape = match fabrication.electrodes.first().map(|one| one.shape) {

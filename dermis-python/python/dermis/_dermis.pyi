@@ -17,6 +17,7 @@ __all__ = [
     "Live",
     "Mesh",
     "Method",
+    "Paired",
     "Pipeline",
     "Replay",
     "Samples",
@@ -58,6 +59,16 @@ def finish_dataset(folder: str | PathLike[str]) -> Dataset:
     """
 
 @final
+class Paired:
+    """A baseline with an untouched frame for each frame: `method.contacts(frames, dermis.Paired(untouched))`.
+
+    For recordings that go up and down at each press: slow drift cancels.
+    """
+
+    def __new__(cls, baseline: ArrayLike) -> Self:
+        """The untouched frames, (frames, channels), ohm: one for each frame, in the same order."""
+
+@final
 class Calibration:
     """A calibration of a real skin with measured presses. `Skin.calibrate` makes one.
 
@@ -73,7 +84,7 @@ class Calibration:
         """What cross-validation on the labels states: errors in m, relative errors of forces."""
 
     def locate(
-        self, frames: ArrayLike, baseline: ArrayLike | None = None, *, first: int = 0
+        self, frames: ArrayLike, baseline: ArrayLike | Paired | None = None, *, first: int = 0
     ) -> dict[str, NDArray[Any]]:
         """Locates the press of each frame, in the order of recording. For forward maps.
 
@@ -252,7 +263,7 @@ class Method:
         """The regularization parameter of a linear method, else None."""
 
     def images(
-        self, frames: ArrayLike, baseline: ArrayLike | None = None, *, force: bool = False
+        self, frames: ArrayLike, baseline: ArrayLike | Paired | None = None, *, force: bool = False
     ) -> NDArray[np.float64]:
         """Images of frames: relative changes of conductance, positive for touches.
 
@@ -270,7 +281,7 @@ class Method:
             DermisError: A wrong shape, a value that is not finite.
         """
 
-    def to_xarray(self, frames: ArrayLike, baseline: ArrayLike | None = None) -> Any:
+    def to_xarray(self, frames: ArrayLike, baseline: ArrayLike | Paired | None = None) -> Any:
         """Images as an `xarray.DataArray` with the positions of the pixels as coordinates. Needs xarray.
 
         Args:
@@ -283,7 +294,7 @@ class Method:
         """
 
     def contacts(
-        self, frames: ArrayLike, baseline: ArrayLike | None = None, *, both_signs: bool = False, force: bool = False
+        self, frames: ArrayLike, baseline: ArrayLike | Paired | None = None, *, both_signs: bool = False, force: bool = False
     ) -> Contacts:
         """The contacts in frames.
 
@@ -299,7 +310,7 @@ class Method:
         """
 
     def score(
-        self, frames: ArrayLike, truth: Contacts | ArrayLike, baseline: ArrayLike | None = None, *, force: bool = False
+        self, frames: ArrayLike, truth: Contacts | ArrayLike, baseline: ArrayLike | Paired | None = None, *, force: bool = False
     ) -> dict[str, Any]:
         """The score of the contacts in frames against true touches, as `dermis evaluate --json` prints it.
 
@@ -314,7 +325,7 @@ class Method:
             DermisError: A wrong shape, a touch in a frame that does not exist.
         """
 
-    def svg(self, frame: ArrayLike, baseline: ArrayLike | None = None) -> str:
+    def svg(self, frame: ArrayLike, baseline: ArrayLike | Paired | None = None) -> str:
         """The image of a frame with its contacts, as the text of an SVG."""
 
     @property
@@ -605,7 +616,7 @@ class Skin:
         self,
         frames: ArrayLike,
         positions: ArrayLike,
-        baseline: ArrayLike | None = None,
+        baseline: ArrayLike | Paired | None = None,
         *,
         force_n: ArrayLike | None = None,
         rows: ArrayLike | None = None,

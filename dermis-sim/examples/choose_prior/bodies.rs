@@ -75,7 +75,7 @@ fn hemisphere() -> SkinDesign {
     };
     let mut design = disk(16);
     design.name = "hemisphere".into();
-    design.body = Body::Mesh { path, unit_m: 1.0 };
+    design.body = Body::Mesh { file: path.into(), unit_m: 1.0 };
     let ring = |count: usize, up: f64| (0..count).map(move |k| at(up, TAU * k as f64 / count as f64));
     design.electrodes = ring(9, 0.15).chain(ring(6, 0.5)).chain([at(1.0, 0.0)]).map(electrode).collect();
     design.protocol = Protocol::adjacent(16).expect("enough electrodes");

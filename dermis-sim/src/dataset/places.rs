@@ -137,7 +137,7 @@ mod tests {
     fn places_on_a_mesh_follow_the_area_of_its_outside() {
         // Two triangles of areas 1 and 3, and a single tetrahedron whose four faces are all outside.
         let nodes = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [-3.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
-        let body = Body::Mesh { path: "skin.msh".into(), unit_m: 1.0 };
+        let body = Body::Mesh { file: "skin.msh".into(), unit_m: 1.0 };
         let cells = Cells::Triangles(vec![[0, 1, 2], [0, 2, 3]]);
         let mesh = Mesh { nodes, cells, electrodes: vec![], regions: vec![] };
         let places = Places::new(&body, &mesh);

@@ -417,7 +417,7 @@ mod tests {
         let nodes = vec![[0.0; 3], [0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [0.0, 0.0, 0.02], [0.02, 0.02, 0.02]];
         let cells = Cells::Tetrahedra(vec![[0, 1, 2, 3], [1, 2, 3, 4]]);
         let volume = Mesh { nodes, cells, electrodes: vec![], regions: vec![] };
-        let body = dermis::design::Body::Mesh { path: "block.msh".into(), unit_m: 1.0 };
+        let body = dermis::design::Body::Mesh { file: "block.msh".into(), unit_m: 1.0 };
         let places = Places::new(&body, &volume);
         // The reference rule subdivides each cell by its own longest edge, this one both in the same way.
         assert!(worst(Surface::Free, &volume, &places, [0.008, 0.02], SimdLevel::best()) < 2e-3);

@@ -9,7 +9,7 @@ use std::path::Path;
 /// impedances. Comments are lost.
 ///
 /// `name` is the name of the new design; `table`, if there is one, the channel table of its pattern, relative to its
-/// folder. The path of a mesh file is made absolute.
+/// folder. The files that the text carries stay; without them the path of a mesh file is made absolute.
 ///
 /// # Errors
 /// A text that is no design.
@@ -24,7 +24,11 @@ pub fn design_text(
     // A design that was read is TOML.
     let mut file: toml::Table = toml::from_str(text.trim_start_matches('\u{feff}')).unwrap_or_default();
     file.insert("name".into(), name.into());
-    if let Some(mesh) = file.get_mut("body").and_then(|body| body.get_mut("mesh")).and_then(toml::Value::as_table_mut)
+    // They follow all other tables.
+    let carried = file.remove("files");
+    if carried.is_none()
+        && let Some(mesh) =
+            file.get_mut("body").and_then(|body| body.get_mut("mesh")).and_then(toml::Value::as_table_mut)
         && let Some(of_file) = mesh.get("path").and_then(toml::Value::as_str)
     {
         let beside = Path::new(path).parent().unwrap_or(Path::new("")).join(of_file);
@@ -57,6 +61,10 @@ pub fn design_text(
         let _ = writeln!(written, "    {},", place(design.body.surface(), *position));
     }
     written += "]\n";
+    if let Some(files) = carried {
+        let table = toml::Table::from_iter([("files".to_string(), files)]);
+        written += &format!("\n{}", toml::to_string(&table).expect("a table of TOML is TOML"));
+    }
     Ok(written)
 }
 

@@ -442,7 +442,7 @@ pub(super) mod tests {
             let message = options.on_body(&CYLINDER).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");
         }
-        let mesh = Body::Mesh { path: "arm.stl".into(), unit_m: 1.0 };
+        let mesh = Body::Mesh { file: "arm.stl".into(), unit_m: 1.0 };
         assert_eq!(good.on_body(&mesh).unwrap_err(), TwinError::NoChart);
     }
 

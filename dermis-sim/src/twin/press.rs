@@ -529,7 +529,7 @@ mod tests {
         assert!(matches!(nowhere, TwinError::OffTheSkin { .. }), "{nowhere}");
         let crushed = refusal(Press { force_n: 20.0, ..good }, &SHEET);
         assert!(crushed.to_string().contains("4.37 mm") && crushed.to_string().contains("3 mm"), "{crushed}");
-        let mesh = Body::Mesh { path: "arm.stl".into(), unit_m: 1.0 };
+        let mesh = Body::Mesh { file: "arm.stl".into(), unit_m: 1.0 };
         assert_eq!(refusal(good, &mesh), TwinError::NoChart);
     }
 }

@@ -1,5 +1,6 @@
 //! Skin designs: body, sheet, electrodes, protocol and image.
 
+mod carried;
 mod check;
 mod check_fabrication;
 mod error;
@@ -20,9 +21,11 @@ pub use layout::MAX_ELECTRODES;
 pub use shipped::FOREARM_STL;
 
 use crate::contact::ConductanceChange;
+use crate::files::read_at_most;
 use crate::geom::{Chart, Point3, Shape, Surface};
 use crate::protocol::Protocol;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// A skin, complete and checked.
 #[derive(Debug, Clone, PartialEq)]
@@ -94,6 +97,15 @@ impl SkinDesign {
         rewrite::rewrite(self, text, name)
     }
 
+    /// The text of a design file with the files that it names inside: the mesh of its body, its channel table. It describes
+    /// the same skin in every folder and on every computer.
+    ///
+    /// # Errors
+    /// As [`parse`](Self::parse); a file that cannot be read.
+    pub fn with_files(text: &str, name: &str) -> Result<String, DesignError> {
+        resolve::with_files(text, name)
+    }
+
     /// Checks a design that was built or changed by a program, as [`parse`](Self::parse) checks a file.
     ///
     /// # Errors
@@ -161,10 +173,37 @@ pub enum Body {
     /// A mesh file: Gmsh `.msh` (with electrode groups, triangles or tetrahedra), STL, OBJ or PLY.
     Mesh {
         /// The file.
-        path: PathBuf,
+        file: MeshFile,
         /// Metres per unit of the file.
         unit_m: f64,
     },
+}
+
+/// The mesh file of a body: where it lies, and what it holds if the text of the design carries it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeshFile {
+    /// Its path.
+    pub path: PathBuf,
+    contents: Option<Arc<[u8]>>,
+}
+
+impl MeshFile {
+    /// What it holds.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or that is larger than `most_bytes`.
+    pub fn read(&self, most_bytes: u64) -> std::io::Result<Arc<[u8]>> {
+        match &self.contents {
+            Some(contents) => Ok(Arc::clone(contents)),
+            None => Ok(read_at_most(&self.path, most_bytes)?.into()),
+        }
+    }
+}
+
+impl<P: AsRef<Path>> From<P> for MeshFile {
+    fn from(path: P) -> Self {
+        MeshFile { path: path.as_ref().to_path_buf(), contents: None }
+    }
 }
 
 impl Body {

@@ -1,5 +1,6 @@
 //! Conversion of the tables of a design file to a skin.
 
+use crate::design::carried::{CarriedFiles, WrongLine};
 use crate::design::error::{DesignError, closest_name, explain_toml_error};
 use crate::design::file::{
     At, BodyTable, DesignFile, ElectrodesTable, FabricationTable, ImageTable, LayoutTable, MeasuresStart, MeshTable,
@@ -7,11 +8,11 @@ use crate::design::file::{
 };
 use crate::design::layout;
 use crate::design::{
-    Body, Electrode, ElectrodeShape, FabricationOptions, ImageLayout, MeshOptions, Region, RegionPlace, Sheet,
-    SheetKind, SkinDesign, TouchEffect, shipped,
+    Body, Electrode, ElectrodeShape, FabricationOptions, ImageLayout, MeshFile, MeshOptions, Region, RegionPlace,
+    Sheet, SheetKind, SkinDesign, TouchEffect, shipped,
 };
 use crate::design::{check, check_fabrication};
-use crate::files::read_text_at_most;
+use crate::files::{read_at_most, read_text_at_most};
 use crate::protocol::{Channel, Protocol};
 use crate::text::printable;
 use std::ops::Range;
@@ -43,7 +44,7 @@ pub(super) fn text_of(name_or_path: &str) -> Result<String, DesignError> {
     if let (false, Some(text)) = (path.is_file(), shipped::text(name_or_path)) {
         return Ok(text.to_string());
     }
-    read_text_at_most(path, LARGEST_DESIGN).map_err(|error| {
+    read_text_at_most(path, LARGEST_DESIGN + 4 * LARGEST_CARRIED).map_err(|error| {
         let meant = closest_name(name_or_path, shipped::NAMES.into_iter());
         let fix = match meant {
             Some(name) => format!("did you mean `{name}`?"),
@@ -60,11 +61,48 @@ pub(super) fn parse(text: &str, name: &str) -> Result<SkinDesign, DesignError> {
 
 /// The tables of a TOML file without a byte-order mark, and the design.
 pub(super) fn read(text: &str, name: &str) -> Result<(DesignFile, SkinDesign), DesignError> {
+    let (text, files) = split(text, name)?;
+    read_with(text, name, &files)
+}
+
+/// The text of a design without the files that it carries, and the files.
+fn split<'a>(text: &'a str, name: &str) -> Result<(&'a str, CarriedFiles), DesignError> {
+    CarriedFiles::split(text).map_err(|WrongLine(line)| {
+        let message = format!("{name}: line {line} is not a file that the design carries");
+        DesignError::new(message, Some("a name and hexadecimal digits, each in quotation marks, follow [files]".into()))
+    })
+}
+
+/// The text with the files that it names.
+pub(super) fn with_files(text: &str, name: &str) -> Result<String, DesignError> {
+    let (text, mut files) = split(text.strip_prefix('\u{feff}').unwrap_or(text), name)?;
+    let (file, _) = read_with(text, name, &files)?;
+    let source = Source { name, text, files: &files };
+    let mesh = match &file.body.value {
+        BodyTable::Mesh { path, .. } => Some(&path.value),
+        _ => None,
+    };
+    let table = match &file.protocol.value.pattern.value {
+        PatternTable::Table(path) => Some(path),
+        _ => None,
+    };
+    let named: Vec<_> = mesh.into_iter().chain(table).filter(|path| files.get(path).is_none()).collect();
+    let read = |path: &&PathBuf| {
+        let place = source.beside(path);
+        let failed = |error| DesignError::new(format!("cannot read {}: {error}", place.display()), None);
+        Ok((path.to_path_buf(), read_at_most(&place, LARGEST_CARRIED).map_err(failed)?))
+    };
+    let contents = named.iter().map(read).collect::<Result<Vec<_>, DesignError>>()?;
+    contents.into_iter().for_each(|(path, contents)| files.insert(&path, contents));
+    Ok(files.join(text))
+}
+
+fn read_with(text: &str, name: &str, files: &CarriedFiles) -> Result<(DesignFile, SkinDesign), DesignError> {
     if text.len() as u64 > LARGEST_DESIGN {
         let message = format!("the design {name} is larger than {} MiB, the most that is read", LARGEST_DESIGN >> 20);
         return Err(DesignError::new(message, None));
     }
-    let source = Source { name, text };
+    let source = Source { name, text, files };
     let file: DesignFile = toml::from_str(text).map_err(|error| {
         let (message, fix) = explain_toml_error(error.message());
         source.fail(error.span(), message, fix)
@@ -110,6 +148,9 @@ fn locate(file: &DesignFile, place: Place) -> Range<usize> {
 /// a hundred bytes of memory.
 const LARGEST_DESIGN: u64 = 4 << 20;
 
+/// Largest file that a design carries, bytes: a million triangles. A text holds two, with two digits for each byte.
+const LARGEST_CARRIED: u64 = 50 << 20;
+
 /// Longest name of a design, bytes.
 const LONGEST_NAME: usize = 200;
 
@@ -117,6 +158,7 @@ const LONGEST_NAME: usize = 200;
 pub(super) struct Source<'a> {
     name: &'a str,
     text: &'a str,
+    files: &'a CarriedFiles,
 }
 
 impl Source<'_> {
@@ -186,7 +228,10 @@ impl Source<'_> {
             BodyTable::Rectangle { width_m, height_m } => {
                 Body::Rectangle { width_m: width_m.value, height_m: height_m.value }
             }
-            BodyTable::Mesh { path, unit_m } => Body::Mesh { path: self.beside(&path.value), unit_m: unit_m.value },
+            BodyTable::Mesh { path, unit_m } => {
+                let contents = self.files.get(&path.value);
+                Body::Mesh { file: MeshFile { path: self.beside(&path.value), contents }, unit_m: unit_m.value }
+            }
         }
     }
 
@@ -309,7 +354,12 @@ impl Source<'_> {
             PatternTable::AdjacentUndriven => Protocol::adjacent_undriven(electrode_count),
             PatternTable::Opposite => Protocol::opposite(electrode_count),
             PatternTable::Skip(skip) => Protocol::skip(electrode_count, *skip),
-            PatternTable::Table(path) => Protocol::load(&self.beside(path), electrode_count),
+            PatternTable::Table(path) => match self.files.get(path) {
+                Some(table) => {
+                    Protocol::parse_csv(&String::from_utf8_lossy(&table), &path.to_string_lossy(), electrode_count)
+                }
+                None => Protocol::load(&self.beside(path), electrode_count),
+            },
         }
         .map_err(fail)?;
         let mut channels = protocol.channels().to_vec();

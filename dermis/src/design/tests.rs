@@ -205,7 +205,7 @@ fn a_rectangle_with_a_list_of_electrodes_and_a_region() {
     assert_eq!(design.electrodes[3].shape, ElectrodeShape::Disc { radius_m: 0.01 });
     assert_eq!(design.electrodes[0].shape, ElectrodeShape::Point);
     assert_eq!(design.sheet.regions[0].conductance, 1.0 / 2000.0);
-    assert_eq!(design.image, ImageLayout::Patches);
+    assert_eq!(design.image, ImageLayout::Cells);
     let error =
         |from: &str, to: &str| SkinDesign::parse(&FLAT.replace(from, to), "designs/flat.toml").unwrap_err().to_string();
     let off = error("x_m = 0.2, y_m = 0.1", "x_m = 0.3, y_m = 0.1");

@@ -1,6 +1,7 @@
 //! Differences of frames from the untouched skin.
 
 use crate::frame::{Frame, mean};
+use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Differences of frames from the untouched skin, ohm.
 ///
@@ -15,7 +16,8 @@ use crate::frame::{Frame, mean};
 pub struct Differences {
     /// The difference of each frame.
     pub frames: Vec<Frame>,
-    /// The untouched frames minus their mean; empty if they are not known.
+    /// Deviations of the untouched frames, as large as their noise; empty if they are not known. From
+    /// [`new`](Self::new): the untouched frames minus their mean.
     pub untouched: Vec<Frame>,
     /// The mean of the untouched frames, ohm; `None` if they are not known.
     pub baseline: Option<Frame>,
@@ -33,6 +35,30 @@ impl Differences {
         let minus_rest = |frames: &[Frame]| frames.iter().map(|frame| frame - &rest).collect();
         let (frames, untouched) = (minus_rest(&frames), minus_rest(&untouched));
         Differences { frames, untouched, baseline: Some(rest) }
+    }
+
+    /// Frames minus the untouched frames of the same rows, ohm: a skin that drifts between presses is recorded up and down.
+    /// The deviations are the differences of successive untouched frames over the root of 2, which have the variance of the
+    /// noise and leave out slow drift (von Neumann 1941, DOI 10.1214/aoms/1177731677).
+    ///
+    /// ```
+    /// use dermis::frame::{Differences, Frame};
+    ///
+    /// let [up, down] = [[1.0, 1.5], [1.2, 1.9]].map(|rows| rows.map(|value| Frame(vec![value])).to_vec());
+    /// let differences = Differences::paired(down, up);
+    /// assert!((differences.frames[1][0] - 0.4).abs() < 1e-15);
+    /// ```
+    ///
+    /// # Panics
+    /// If the numbers of frames differ, or their lengths.
+    pub fn paired(frames: Vec<Frame>, untouched: Vec<Frame>) -> Self {
+        assert_eq!(frames.len(), untouched.len(), "an untouched frame for each frame");
+        let step = |pair: &[Frame]| Frame((&pair[1] - &pair[0]).iter().map(|change| change * FRAC_1_SQRT_2).collect());
+        Differences {
+            frames: frames.iter().zip(&untouched).map(|(frame, rest)| frame - rest).collect(),
+            baseline: mean(&untouched),
+            untouched: untouched.windows(2).map(step).collect(),
+        }
     }
 
     /// The untouched frames, ohm; empty if they are not known.

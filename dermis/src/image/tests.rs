@@ -2,7 +2,7 @@ use crate::design::{Body, ImageLayout, MeshOptions, Sheet, SkinDesign, TouchEffe
 use crate::geom::vector::{Point3, distance, dot};
 use crate::geom::{Surface, vector};
 use crate::image::{Image, PixelSpace};
-use crate::mesh::{Cells, Mesh};
+use crate::mesh::{Cells, ElectrodePatch, Mesh};
 use crate::protocol::Protocol;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -185,7 +185,7 @@ fn every_cell_is_a_pixel_of_a_mesh_body() {
     // Normals come from the triangles and point outwards; inner cells have three neighbours.
     assert!(space.centres_m.iter().zip(&space.normals).all(|(c, n)| dot([c[0], c[1], 0.0], *n) > 0.99 * 0.0497));
     assert!(space.neighbours.iter().all(|list| list.len() == 2 || list.len() == 3));
-    let body = Body::Mesh { path: "skin.msh".into(), unit_m: 1.0 };
+    let body = Body::Mesh { file: "skin.msh".into(), unit_m: 1.0 };
     let picture = design(body, ImageLayout::Grid { rows: 4, columns: 4 });
     assert!(PixelSpace::for_design(&picture, &mesh).is_err());
 }
@@ -194,9 +194,9 @@ fn every_cell_is_a_pixel_of_a_mesh_body() {
 fn patches_are_connected_alike_and_a_sixth_of_the_spacing_wide() {
     let (_, mut mesh) = cylinder();
     let cells = PixelSpace::cells(&mesh, Surface::Free);
-    // Fewer electrodes: a sixth of their spacing is more than a cell.
-    mesh.electrodes.truncate(8);
-    let body = Body::Mesh { path: "skin.msh".into(), unit_m: 1.0 };
+    // A sixth of the spacing of eight electrodes is more than a cell.
+    mesh.electrodes = (0..8).map(ElectrodePatch::Node).collect();
+    let body = Body::Mesh { file: "skin.msh".into(), unit_m: 1.0 };
     let space = PixelSpace::for_design(&design(body, ImageLayout::Patches), &mesh).unwrap();
     assert_partition(&space, &mesh);
     let wanted = 36 * mesh.electrodes.len();
@@ -211,8 +211,9 @@ fn patches_are_connected_alike_and_a_sixth_of_the_spacing_wide() {
         let [x, y, _] = space.centres_m[pixel];
         assert!(dot(vector::normalize([x, y, 0.0]), space.normals[pixel]) > 0.98);
     }
-    // With all electrodes the cells are no finer than that.
-    assert_eq!(super::patches::pixels(&cylinder().1, Surface::Free).len(), mesh.cell_count());
+    // With 30 electrodes the cells are hardly finer than that.
+    mesh.electrodes = (0..30).map(ElectrodePatch::Node).collect();
+    assert_eq!(super::patches::pixels(&mesh, Surface::Free).len(), mesh.cell_count());
 }
 
 #[test]

@@ -194,9 +194,9 @@ mod tests {
                 // `x (C' C + 1) = C` for a row `x` of the result.
                 let found: Vec<f64> = (0..channels).map(|channel| fit.at(channel, mode)).collect();
                 let products: Vec<f64> = (0..unknowns).map(|row| dot(columns.row(row), &found)).collect();
-                for channel in 0..channels {
+                for (channel, found) in found.iter().enumerate() {
                     let back: f64 = (0..unknowns).map(|row| products[row] * columns.at(row, channel)).sum();
-                    let residual = back + found[channel] - columns.at(mode, channel);
+                    let residual = back + found - columns.at(mode, channel);
                     assert!(residual.abs() < 1e-13, "{unknowns} x {channels}, mode {mode}: {residual:e}");
                 }
             }

@@ -290,7 +290,7 @@ fn contacts_that_do_not_fit_are_kept() {
 fn a_body_without_a_chart_has_the_same_contacts() {
     let (design, with_chart) = refiner(0.1, RefineOptions::default());
     let model = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
-    let body = Body::Mesh { path: "cylinder.stl".into(), unit_m: 1.0 };
+    let body = Body::Mesh { file: "cylinder.stl".into(), unit_m: 1.0 };
     let noise = vec![0.1; model.protocol().channel_count()];
     let free = Refiner::new(&body, &model, &noise, RefineOptions::default()).unwrap();
     let surface = design.body.surface();

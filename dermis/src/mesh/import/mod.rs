@@ -11,8 +11,7 @@ mod shape;
 mod soup;
 mod stl;
 
-use crate::design::{Body, ElectrodeShape, LARGEST_BODY_M, SkinDesign};
-use crate::files::read_at_most;
+use crate::design::{Body, ElectrodeShape, LARGEST_BODY_M, MeshFile, SkinDesign};
 use crate::geom::vector::bounding_box;
 use crate::mesh::{Mesh, MeshError, place};
 use cursor::Problem;
@@ -31,7 +30,7 @@ const LARGEST_FILE: u64 = 256 << 20;
 /// # Errors
 /// A file that cannot be read, is not of the format of its name, or contains no usable mesh.
 pub fn load(path: &Path, unit_m: f64) -> Result<Mesh, MeshError> {
-    Ok(load_counting(path, unit_m)?.0)
+    Ok(load_counting(&path.into(), unit_m)?.0)
 }
 
 /// The number of cells of a Gmsh file with another node order than Dermis uses ([`load`] reorders them): tetrahedra of
@@ -39,16 +38,26 @@ pub fn load(path: &Path, unit_m: f64) -> Result<Mesh, MeshError> {
 ///
 /// # Errors
 /// As [`load`].
-pub fn reordered_cells(path: &Path, unit_m: f64) -> Result<usize, MeshError> {
-    Ok(load_counting(path, unit_m)?.1)
+pub fn reordered_cells(file: &MeshFile, unit_m: f64) -> Result<usize, MeshError> {
+    Ok(load_counting(file, unit_m)?.1)
+}
+
+/// As [`load`], of the file of a body.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_body(file: &MeshFile, unit_m: f64) -> Result<Mesh, MeshError> {
+    Ok(load_counting(file, unit_m)?.0)
 }
 
 /// [`load`], with the number of cells that were reordered.
-fn load_counting(path: &Path, unit_m: f64) -> Result<(Mesh, usize), MeshError> {
-    let in_file = |Problem(message)| MeshError::File { path: path.to_path_buf(), message };
+fn load_counting(file: &MeshFile, unit_m: f64) -> Result<(Mesh, usize), MeshError> {
+    let path = &file.path;
+    let in_file = |Problem(message)| MeshError::File { path: path.clone(), message };
     let format = Format::of(path).map_err(in_file)?;
     check_unit(unit_m).map_err(in_file)?;
-    format.parse(&contents(path)?, unit_m).map_err(in_file)
+    let contents = file.read(LARGEST_FILE).map_err(|source| MeshError::Io { path: path.clone(), source })?;
+    format.parse(&contents, unit_m).map_err(in_file)
 }
 
 /// The mesh of a design whose body is a mesh file.
@@ -62,11 +71,11 @@ fn load_counting(path: &Path, unit_m: f64) -> Result<(Mesh, usize), MeshError> {
 ///
 /// [`MeshOptions`]: crate::design::MeshOptions
 pub fn from_design(design: &SkinDesign) -> Result<Mesh, MeshError> {
-    let Body::Mesh { path, unit_m } = &design.body else {
+    let Body::Mesh { file, unit_m } = &design.body else {
         return Err(MeshError::Generate("the body of the design is no mesh file".into()));
     };
-    let mesh = load(path, *unit_m)?;
-    let wrong = |message| MeshError::File { path: path.clone(), message };
+    let mesh = load_body(file, *unit_m)?;
+    let wrong = |message| MeshError::File { path: file.path.clone(), message };
     check_size(&mesh).map_err(wrong)?;
     let in_file = |error| match error {
         MeshError::Invalid(message) | MeshError::Generate(message) => wrong(message),
@@ -162,9 +171,4 @@ fn check_unit(unit_m: f64) -> Result<(), Problem> {
         return Ok(());
     }
     Err(Problem(format!("the unit is {unit_m} m: it must be positive and finite; 0.001 for millimetres")))
-}
-
-fn contents(path: &Path) -> Result<Vec<u8>, MeshError> {
-    let io = |source| MeshError::Io { path: path.to_path_buf(), source };
-    read_at_most(path, LARGEST_FILE).map_err(io)
 }
