@@ -286,11 +286,20 @@ impl From<dermis::Error> for Failure {
     }
 }
 
+impl From<dermis_plot::PlotError> for Failure {
+    fn from(error: dermis_plot::PlotError) -> Self {
+        match error {
+            dermis_plot::PlotError::NoFlatLayout => Failure::given(error, Some("ask for the view in space: --view 3d")),
+            error => Failure::Ours(error.to_string()),
+        }
+    }
+}
+
 impl From<dermis_sim::Error> for Failure {
     fn from(error: dermis_sim::Error) -> Self {
         match error {
             dermis_sim::Error::Dermis(error) => error.into(),
-            error => Failure::given(error, None),
+            error => Failure::given(&error, error.fix().as_deref()),
         }
     }
 }

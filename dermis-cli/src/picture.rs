@@ -43,7 +43,7 @@ impl PictureFormat {
     pub fn save(self, picture: &Picture, path: &Path) -> Outcome {
         let bytes = match self {
             PictureFormat::Svg => picture.to_svg().into_bytes(),
-            PictureFormat::Png => picture.to_png(PNG_SCALE).map_err(|error| Failure::Ours(error.to_string()))?,
+            PictureFormat::Png => picture.to_png(PNG_SCALE)?,
         };
         Ok(write_whole(path, |writer| writer.write_all(&bytes))?)
     }

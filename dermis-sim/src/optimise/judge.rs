@@ -9,17 +9,26 @@ use dermis::geom::Point3;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// The bounds of the position at every pixel that no electrode covers: no current flows in the coat under a disc.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Judgement {
     /// The largest, m; infinite where a place has none.
     pub worst_m: f64,
     /// The mean, m.
     pub mean_m: f64,
-    /// Every pixel, and its bound, m; NaN where an electrode covers it.
-    pub places: Vec<(Point3, f64)>,
+    /// Every pixel.
+    pub places: Vec<PlaceBound>,
+}
+
+/// The bound of the position at a pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PlaceBound {
+    /// Its centre, m.
+    pub position_m: Point3,
+    /// The bound, m; infinite where there is none, NaN where an electrode covers the pixel.
+    pub sd_m: f64,
 }
 
 impl Judgement {
@@ -48,16 +57,16 @@ pub fn judge(design: &SkinDesign, twin: &TwinOptions, bound: &BoundOptions) -> c
         };
         design.electrodes.iter().any(covers)
     };
-    let at = |pixel: usize| -> crate::Result<(Point3, f64)> {
-        let place_m = pixels.centres_m[pixel];
-        if is_covered(place_m) {
-            return Ok((place_m, f64::NAN));
+    let at = |pixel: usize| -> crate::Result<PlaceBound> {
+        let position_m = pixels.centres_m[pixel];
+        if is_covered(position_m) {
+            return Ok(PlaceBound { position_m, sd_m: f64::NAN });
         }
-        let bound = bounds.position(place_m, pixels.normals[pixel])?;
-        Ok((place_m, bound.map_or(f64::INFINITY, |bound| bound.sd_m)))
+        let bound = bounds.position(position_m, pixels.normals[pixel])?;
+        Ok(PlaceBound { position_m, sd_m: bound.map_or(f64::INFINITY, |bound| bound.sd_m) })
     };
-    let places: Vec<(Point3, f64)> = (0..pixels.len()).into_par_iter().map(at).collect::<crate::Result<_>>()?;
-    let values: Vec<f64> = places.iter().map(|place| place.1).filter(|value| !value.is_nan()).collect();
+    let places: Vec<PlaceBound> = (0..pixels.len()).into_par_iter().map(at).collect::<crate::Result<_>>()?;
+    let values: Vec<f64> = places.iter().map(|place| place.sd_m).filter(|value| !value.is_nan()).collect();
     Ok(Judgement {
         worst_m: values.iter().copied().fold(0.0, f64::max),
         mean_m: values.iter().sum::<f64>() / values.len() as f64,

@@ -2,7 +2,8 @@
 //!
 //! A fast model of the bound of a press's position ([`bound`](crate::bound)) is searched by simulated annealing from many
 //! starts: the fields of currents from candidate places are computed once, and a layout's readings of a weak press follow
-//! from them. `docs/optimise.md` has the formulas. What comes out is a design file, to be judged by the exact bounds.
+//! from them. `docs/optimise.md` has the formulas. What comes out is a design file, to be judged by the exact bounds:
+//! [`optimise`] does all of it; these are its steps.
 //!
 //! ```no_run
 //! use dermis::design::SkinDesign;
@@ -29,16 +30,20 @@ mod options;
 mod pattern;
 mod places;
 mod presses;
+mod run;
 mod search;
+mod state;
 #[cfg(test)]
 mod tests;
 mod text;
 mod touch;
 
 pub use error::OptimiseError;
-pub use judge::{Judgement, judge, with_noise_of};
+pub use judge::{Judgement, PlaceBound, judge, with_noise_of};
 pub use options::{Objective, OptimiseOptions, Start};
 pub use places::{PlaceRules, Zone};
+pub use run::{CurvePoint, JudgedDesign, Optimised, SearchOptions, optimise};
+pub use state::FoundLayout;
 pub use text::design_text;
 
 use crate::bound::BoundOptions;
@@ -184,8 +189,8 @@ impl Layouts<'_> {
         for _ in 0..rounds {
             let model = self.model_bounds(&next.0.electrodes_m)?;
             for (weight, (place_m, model_m)) in weights.iter_mut().zip(&model) {
-                let exact_m =
-                    next.1.places.iter().find(|(other, _)| other == place_m).map_or(*model_m, |place| place.1);
+                let exact = next.1.places.iter().find(|place| place.position_m == *place_m);
+                let exact_m = exact.map_or(*model_m, |place| place.sd_m);
                 *weight = weight.max((exact_m / model_m).clamp(1.0, MAX_WEIGHT));
             }
             next = judged_exactly(self.near(best.0.index, &best.0.electrodes_m, &weights, &mut rng)?)?;
@@ -285,6 +290,11 @@ impl Layouts<'_> {
         let positions: Vec<Point3> = chosen.iter().map(|&index| coarse.positions_m[index]).collect();
         tour(places, &positions, 0).into_iter().map(|index| chosen[index]).collect()
     }
+}
+
+/// A number that JSON has.
+fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
 }
 
 fn centres_m(design: &SkinDesign) -> Vec<Point3> {
