@@ -205,6 +205,12 @@ impl From<dermis::method::MethodError> for Failure {
     }
 }
 
+impl From<dermis_calibrate::CalibrateError> for Failure {
+    fn from(error: dermis_calibrate::CalibrateError) -> Self {
+        Failure::given(&error, error.fix())
+    }
+}
+
 impl From<dermis_learn::LearnError> for Failure {
     fn from(error: dermis_learn::LearnError) -> Self {
         match error {

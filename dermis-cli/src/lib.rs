@@ -7,7 +7,6 @@
 
 mod build_page;
 mod build_watch;
-mod calibrated;
 mod channels;
 mod check_page;
 mod command;

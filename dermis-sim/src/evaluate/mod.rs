@@ -32,9 +32,9 @@ pub use benchmark::{
 };
 pub use calibration_run::CalibrationRun;
 pub use explained::GainFit;
-pub use matching::{Match, match_contacts};
+pub use matching::{Match, match_contacts, matched_presses};
 pub use presses::{AlignMethod, AlignOptions, Aligned, PressEstimates, Screen};
-pub use score::{ForceErrors, Score, resolves_two, score, score_contacts};
+pub use score::{Score, resolves_two, score, score_contacts};
 pub use tank::{FoundObject, Material, TankObject, find_objects};
 
 use thiserror::Error;
