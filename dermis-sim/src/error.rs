@@ -38,6 +38,9 @@ impl Error {
         match self {
             Error::Bound(error) => Some(error.fix()),
             Error::Optimise(error) => error.fix().map(String::from),
+            Error::Evaluate(crate::evaluate::EvaluateError::TooFewFound { .. }) => {
+                Some("ask for more --samples".into())
+            }
             _ => None,
         }
     }
