@@ -103,7 +103,7 @@ impl BenchmarkSummary {
     /// The share of resolved pairs over all twins for each distance: [distance (m), share].
     pub fn two_resolved(&self) -> Vec<[f64; 2]> {
         let steps = self.twins.first().map_or(&[][..], |twin| &twin.two_resolved);
-        let share = |step| self.mean(|twin| twin.two_resolved[step].1);
+        let share = |step: usize| self.mean(|twin| twin.two_resolved[step].1);
         steps.iter().enumerate().map(|(step, (distance_m, _))| [*distance_m, share(step)]).collect()
     }
 
