@@ -8,10 +8,8 @@ use crate::network::Network;
 use crate::options::Epoch;
 use crate::tensors::Precision;
 use dermis::design::SkinDesign;
-use dermis::forward::ForwardModel;
 use dermis::frame::mean;
-use dermis::image::PixelSpace;
-use dermis::mesh::Mesh;
+use dermis::skin::Skin;
 use dermis_sim::dataset::{Dataset, GaussianTouches, Recipe, SkinSpread, Skins, Touch};
 use dermis_sim::twin::{Twin, TwinOptions};
 use std::path::{Path, PathBuf};
@@ -122,13 +120,9 @@ impl TrainingRun {
     /// # Errors
     /// A design, a twin, a recipe or a dataset that cannot be read; as [`Training::new`].
     pub fn new(options: TrainingRunOptions) -> Result<Self, LearnError> {
-        let design = SkinDesign::load(&options.design).map_err(dermis::Error::from)?;
-        let data = options.data(&design)?;
-        let mesh = Mesh::generate(&design).map_err(dermis::Error::from)?;
-        let forward = ForwardModel::new(&design, &mesh).map_err(dermis::Error::from)?;
-        let pixels = Arc::new(PixelSpace::for_design(&design, forward.mesh())?);
-        let preset = options.preset(&design, &forward, &pixels)?;
-        let training = Training::new(&design, &forward, pixels, preset, data)?;
+        let skin = Skin::load(&options.design)?;
+        let (data, preset) = (options.data(skin.design())?, options.preset(&skin)?);
+        let training = Training::new(skin.design(), skin.forward(), Arc::clone(skin.pixels()), preset, data)?;
         Ok(TrainingRun { options, training })
     }
 
@@ -155,13 +149,9 @@ impl TrainingRun {
 
 impl TrainingRunOptions {
     /// The preset with the options that were given.
-    fn preset(
-        &self,
-        design: &SkinDesign,
-        forward: &ForwardModel,
-        pixels: &PixelSpace,
-    ) -> Result<TrainingPreset, LearnError> {
-        let (protocol, noise) = (forward.protocol(), || noise_ohm(design, &self.noise));
+    fn preset(&self, skin: &Skin) -> Result<TrainingPreset, LearnError> {
+        let (design, pixels) = (skin.design(), skin.pixels());
+        let (protocol, noise) = (&design.protocol, || noise_ohm(design, &self.noise));
         let mut preset = match &self.network {
             NetworkPreset::Paper => TrainingPreset::paper(protocol, pixels, noise()?),
             NetworkPreset::PaperNormFirst => TrainingPreset::paper_norm_first(protocol, pixels, noise()?),
