@@ -1,7 +1,7 @@
 //! The presses of an evaluation: a table with a row for each, and a picture.
 
 use crate::failure::{Failure, Outcome};
-use crate::picture::PictureFormat;
+use crate::picture::{is_png, save};
 use clap::Args;
 use dermis::contact::Contact;
 use dermis::frame::{EvaluatedPress, write_presses};
@@ -46,7 +46,7 @@ impl ReportArguments {
             let message = format!("--output {}: the presses are written as .csv", path.display());
             return Err(Failure::given(message, Some("choose this ending")));
         }
-        self.picture.as_deref().map_or(Ok(()), |path| PictureFormat::of(path).map(drop))
+        self.picture.as_deref().map_or(Ok(()), |path| is_png(path).map(drop))
     }
 
     /// Writes the files that were asked for.
@@ -55,7 +55,7 @@ impl ReportArguments {
             write_presses(path, &report.skin.design().body.surface(), report.presses)?;
         }
         match &self.picture {
-            Some(path) => PictureFormat::of(path)?.save(&report.picture()?, path),
+            Some(path) => save(&report.picture()?, path),
             None => Ok(()),
         }
     }

@@ -134,7 +134,7 @@ impl Arguments {
     /// Searches, and writes the best design.
     pub fn run(self) -> Outcome {
         for path in [&self.curve, &self.slots_curve].into_iter().flatten() {
-            result::CurveFormat::of(path)?;
+            result::is_picture(path)?;
         }
         let given = SkinDesign::load(&self.design)?;
         let mut twin = TwinOptions::load(&self.twin)?;

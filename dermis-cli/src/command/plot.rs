@@ -3,7 +3,7 @@
 use crate::failure::{Failure, Outcome};
 use crate::frames::{CurrentArguments, FrameArguments, of_each};
 use crate::method::MethodArguments;
-use crate::picture::PictureFormat;
+use crate::picture::{is_png, save};
 use crate::range::count;
 use clap::ValueEnum;
 use dermis::contact::Contact;
@@ -91,7 +91,7 @@ impl Arguments {
             let fix = "leave --currents out, or name the frames with --frames";
             return Err(Failure::given("--currents belong to frames, and there are none", Some(fix)));
         }
-        let format = PictureFormat::of(&self.output)?;
+        is_png(&self.output)?;
         let design = SkinDesign::load(&self.design)?;
         let mesh = Mesh::generate(&design)?;
         let mut scene = self.scene(&design, &mesh)?;
@@ -100,7 +100,7 @@ impl Arguments {
         }
         let view = self.view(&design);
         let picture = view.draw(&scene, &design)?;
-        format.save(&picture, &self.output)?;
+        save(&picture, &self.output)?;
         crate::console::print(&format!("wrote {}\n", self.output.display()))
     }
 

@@ -33,7 +33,7 @@ pub struct PlaceBound {
 
 impl Judgement {
     /// The value of an objective, m.
-    pub fn of(&self, objective: Objective) -> f64 {
+    pub(super) fn of(&self, objective: Objective) -> f64 {
         match objective {
             Objective::Worst => self.worst_m,
             Objective::Mean => self.mean_m,
@@ -42,10 +42,7 @@ impl Judgement {
 }
 
 /// The [`Bounds`] of a design at every pixel that no electrode covers.
-///
-/// # Errors
-/// As [`Bounds::new`].
-pub fn judge(design: &SkinDesign, twin: &TwinOptions, bound: &BoundOptions) -> crate::Result<Judgement> {
+pub(super) fn judge(design: &SkinDesign, twin: &TwinOptions, bound: &BoundOptions) -> crate::Result<Judgement> {
     // The pixels are those of the design, whatever the mesh.
     let pixels = PixelSpace::for_design(design, &Mesh::generate(design)?)?;
     let bounds = Bounds::new(design, twin, bound)?;
@@ -76,10 +73,11 @@ pub fn judge(design: &SkinDesign, twin: &TwinOptions, bound: &BoundOptions) -> c
 
 /// A twin whose noise on one design is that on another in ohm: an instrument that leaves readings out has the same noise
 /// in the others.
-///
-/// # Errors
-/// As [`Twin::new`].
-pub fn with_noise_of(twin: &TwinOptions, design: &SkinDesign, reference: &SkinDesign) -> crate::Result<TwinOptions> {
+pub(super) fn with_noise_of(
+    twin: &TwinOptions,
+    design: &SkinDesign,
+    reference: &SkinDesign,
+) -> crate::Result<TwinOptions> {
     let sound = twin.as_designed();
     let noise = |design: &SkinDesign| Ok::<_, crate::Error>(Twin::new(design, &sound, 0)?.noise());
     let mut same = twin.clone();

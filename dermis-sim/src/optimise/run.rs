@@ -1,10 +1,9 @@
 //! From a design to a better one, with its files.
 
+use super::judge::{judge, with_noise_of};
 use super::state::{FoundLayout, State};
-use super::{
-    Judgement, Layouts, OptimiseOptions, Optimiser, centres_m, design_text, finite, judge, select_readings,
-    with_noise_of,
-};
+use super::text::design_text;
+use super::{Judgement, Layouts, OptimiseOptions, Optimiser, centres_m, finite, select_readings};
 use crate::twin::TwinOptions;
 use dermis::design::SkinDesign;
 use dermis::frame::write_whole;
@@ -139,8 +138,9 @@ impl SearchOptions {
 /// ```
 ///
 /// # Errors
-/// As [`Optimiser::new`], [`Optimiser::layouts`], [`select_readings`] and [`judge`]; files that cannot be written; a state of
-/// another search.
+/// A design that cannot be read or whose electrodes cannot be moved; rules that leave too few places; a twin without noise;
+/// more readings than the protocol has; a place that no reading locates; files that cannot be written; a state of another
+/// search.
 pub fn optimise(
     design: &str,
     twin: &TwinOptions,

@@ -1,6 +1,7 @@
 //! The starts of a search that are done, in a file.
 
-use super::{Judgement, Objective, OptimiseError, Start, finite};
+use super::options::Start;
+use super::{Judgement, Objective, OptimiseError, finite};
 use dermis::files::{MAX_SETTINGS_BYTES, read_text_at_most};
 use dermis::frame::write_whole;
 use serde::{Deserialize, Serialize};
@@ -8,13 +9,10 @@ use std::path::{Path, PathBuf};
 
 /// A layout with its exact bounds; none where a place has none.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct FoundLayout {
-    /// The layout.
-    pub start: Start,
-    /// The largest bound, m.
-    pub worst_m: Option<f64>,
-    /// The mean bound, m.
-    pub mean_m: Option<f64>,
+pub(super) struct FoundLayout {
+    pub(super) start: Start,
+    pub(super) worst_m: Option<f64>,
+    pub(super) mean_m: Option<f64>,
 }
 
 impl FoundLayout {

@@ -1,3 +1,4 @@
+use super::judge::with_noise_of;
 use super::*;
 use crate::bound::Bounds;
 use crate::twin::TouchOptions;

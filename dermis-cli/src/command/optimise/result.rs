@@ -12,23 +12,12 @@ use dermis_plot::{Key, Scale, skin_map};
 use dermis_sim::optimise::{CurvePoint, JudgedDesign, Optimised};
 use std::path::Path;
 
-/// The format of a curve.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum CurveFormat {
-    Csv,
-    Svg,
-}
-
-impl CurveFormat {
-    /// The format by the ending of a path.
-    pub(super) fn of(path: &Path) -> Outcome<Self> {
-        match path.extension().and_then(|extension| extension.to_str()) {
-            Some("csv") => Ok(CurveFormat::Csv),
-            Some("svg") => Ok(CurveFormat::Svg),
-            _ => {
-                Err(Failure::given(format!("{}: no kind of curve known", path.display()), Some("name it .csv or .svg")))
-            }
-        }
+/// Whether a curve is drawn, and not written as a table: by the ending of its path.
+pub(super) fn is_picture(path: &Path) -> Outcome<bool> {
+    match path.extension().and_then(|extension| extension.to_str()) {
+        Some("csv") => Ok(false),
+        Some("svg") => Ok(true),
+        _ => Err(Failure::given(format!("{}: no kind of curve known", path.display()), Some("name it .csv or .svg"))),
     }
 }
 
@@ -108,34 +97,33 @@ fn table(points: &[CurvePoint], what: &str) -> Table {
 }
 
 fn write_curve(path: &Path, points: &[CurvePoint], what: &str, conditions: &str) -> Outcome {
-    let text = match CurveFormat::of(path)? {
-        CurveFormat::Csv => {
-            let text = |value: Option<f64>| value.map(|value| value.to_string()).unwrap_or_default();
-            let row = |point: &CurvePoint| format!("{},{},{}\n", point.count, text(point.worst_m), text(point.mean_m));
-            format!("{what},worst_m,mean_m\n{}", points.iter().map(row).collect::<String>())
-        }
-        CurveFormat::Svg => {
-            let curve = |value: fn(&CurvePoint) -> Option<f64>| {
-                let place = |point: &CurvePoint| Some([point.count as f64, 1e3 * value(point)?]);
-                let mut curve: Vec<[f64; 2]> = points.iter().filter_map(place).collect();
-                curve.sort_by(|a, b| a[0].total_cmp(&b[0]));
-                curve
+    if !is_picture(path)? {
+        let text = |value: Option<f64>| value.map(|value| value.to_string()).unwrap_or_default();
+        return Ok(write_whole(path, |out| {
+            writeln!(out, "{what},worst_m,mean_m")?;
+            let mut row = |CurvePoint { count, worst_m, mean_m, .. }: &CurvePoint| {
+                writeln!(out, "{count},{},{}", text(*worst_m), text(*mean_m))
             };
-            Curves {
-                title: &format!("Bound of the position against the number of {what}"),
-                subtitle: conditions,
-                below: what,
-                left: "standard deviation (mm)",
-                logarithmic: false,
-                shown: vec![0.0],
-                curves: vec![
-                    ("worst place".into(), curve(|point| point.worst_m)),
-                    ("mean".into(), curve(|point| point.mean_m)),
-                ],
-            }
-            .draw()
-            .to_svg()
-        }
+            points.iter().try_for_each(&mut row)
+        })?);
+    }
+    let curve = |value: fn(&CurvePoint) -> Option<f64>| {
+        let place = |point: &CurvePoint| Some([point.count as f64, 1e3 * value(point)?]);
+        let mut curve: Vec<[f64; 2]> = points.iter().filter_map(place).collect();
+        curve.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        curve
     };
-    Ok(write_whole(path, |out| out.write_all(text.as_bytes()))?)
+    let picture = Curves {
+        title: &format!("Bound of the position against the number of {what}"),
+        subtitle: conditions,
+        below: what,
+        left: "standard deviation (mm)",
+        logarithmic: false,
+        shown: vec![0.0],
+        curves: vec![
+            ("worst place".into(), curve(|point| point.worst_m)),
+            ("mean".into(), curve(|point| point.mean_m)),
+        ],
+    };
+    Ok(picture.draw().write_svg(path)?)
 }
