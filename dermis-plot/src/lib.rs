@@ -83,6 +83,17 @@ impl View {
 
 /// A value for each pixel of a skin, in its usual view.
 ///
+/// ```
+/// use dermis::skin::Skin;
+/// use dermis_plot::{Key, Scale, skin_map};
+///
+/// let skin = Skin::load("tank16")?;
+/// let areas = &skin.pixels().areas;
+/// let key = Key { scale: Scale::sequential(areas.iter().copied()), label: "area (m2)".into() };
+/// assert!(skin_map(&skin, areas, key, "Pixels", "")?.to_svg().contains(">Pixels</text>"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// None for a valid design.
 pub fn skin_map(

@@ -75,6 +75,18 @@ impl PaperExperiment {
     /// (`experiment.json`). `design` and `seed` are those that the experiment was drawn with; `on_frame` as for
     /// [`record`](PaperExperiment::record).
     ///
+    /// ```no_run
+    /// use dermis::skin::Skin;
+    /// use dermis_sim::experiment::{PaperExperiment, Sizes};
+    /// use dermis_sim::twin::TwinOptions;
+    ///
+    /// let (skin, lab) = (Skin::load("cylinder30")?, TwinOptions::shipped("lab").unwrap());
+    /// let drawn = PaperExperiment::draw(skin.design(), skin.mesh(), skin.pixels(), &lab, 1, &Sizes::default())?;
+    /// let summary = drawn.write(skin.design(), 1, "experiment".as_ref(), || ())?;
+    /// println!("{} presses on the grid", summary.sets[0].touches);
+    /// # Ok::<(), dermis_sim::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// As [`record`](PaperExperiment::record); files that cannot be written.
     pub fn write(
