@@ -65,7 +65,8 @@ pub struct Spread {
 impl Spread {
     fn of(places: &[PlaceBounds], value: fn(&PlaceBounds) -> Option<f64>) -> Option<Self> {
         let values = sorted(places.iter().filter_map(value));
-        let (median, p95, largest) = (quantile(&values, 0.5), quantile(&values, 0.95), *values.last()?);
+        let largest = *values.last()?;
+        let (median, p95) = (quantile(&values, 0.5), quantile(&values, 0.95));
         Some(Spread { mean: mean(&values), median, p95, largest, places: values.len() })
     }
 }
