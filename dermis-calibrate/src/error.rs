@@ -48,6 +48,29 @@ pub enum CalibrateError {
     /// A label that does not fit the frames.
     #[error("{0}")]
     Label(String),
+    /// A frame without exactly one press.
+    #[error("{}: frame {frame} has {touches} touches", path.display())]
+    NotOnePress {
+        /// The file.
+        path: PathBuf,
+        /// The frame, from 0.
+        frame: usize,
+        /// Its touches.
+        touches: usize,
+    },
+    /// Presses in another frame of reference than the labels of a calibration.
+    #[error(
+        "the calibration is in {}, but {} is in {}",
+        reference(*is_robot),
+        path.display(),
+        reference(!is_robot)
+    )]
+    OtherFrame {
+        /// The file of the presses.
+        path: PathBuf,
+        /// Whether the labels are in the frame of a robot.
+        is_robot: bool,
+    },
     /// Frames of another number of channels than the calibration's.
     #[error(
         "the frames have {}, but the calibration has {expected}: it was made with another protocol",
@@ -87,6 +110,22 @@ pub enum CalibrateError {
         /// What is wrong, and the fix.
         message: String,
     },
+}
+
+fn reference(is_robot: bool) -> &'static str {
+    if is_robot { "a robot's frame" } else { "the skin's own frame" }
+}
+
+impl CalibrateError {
+    /// What to do, where the message does not say it.
+    pub fn fix(&self) -> Option<&'static str> {
+        match self {
+            CalibrateError::NotOnePress { .. } => Some("give frames with one press each"),
+            CalibrateError::OtherFrame { .. } => Some("give a truth in the same coordinates as the labels"),
+            CalibrateError::CorrectionFrame { .. } => Some("name the columns of --truth in its first row"),
+            _ => None,
+        }
+    }
 }
 
 /// Boxed: its size would enlarge every result of this crate.

@@ -1,6 +1,6 @@
 //! The findings on a built skin as a page with pictures.
 
-use crate::failure::{Failure, Outcome};
+use crate::failure::Outcome;
 use dermis::image::PixelSpace;
 use dermis::skin::Skin;
 use dermis::text::counted;
@@ -107,7 +107,7 @@ fn contacts(skin: &Skin, check: &BuildCheck) -> Outcome<(Picture, String)> {
 
 fn draw(skin: &Skin, scene: &dermis_plot::Scene, caption: &str) -> Outcome<(Picture, String)> {
     let picture = View::of(skin.design()).draw(scene, skin.design());
-    Ok((picture.map_err(|error| Failure::Ours(error.to_string()))?, caption.into()))
+    Ok((picture?, caption.into()))
 }
 
 fn contact_table(check: &BuildCheck) -> Table {

@@ -1,12 +1,11 @@
 //! The check of a built skin while it is read: its findings as notices, for `dermis live --check-build`.
 
 use dermis::finding::{Finding, Severity};
-use dermis::frame::Frame;
 use dermis_calibrate::CalibrateError;
 use dermis_calibrate::build::{BuildCheck, BuildChecker};
-use dermis_live::{Event, LiveHandle, Mailbox, Popped};
+use dermis_live::LiveHandle;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Untouched frames that are enough for a check.
 pub const FRAMES: usize = 32;
@@ -17,7 +16,7 @@ const WAITING: usize = 256;
 pub fn check_first_frames(shared: &Arc<LiveHandle>) {
     let (shared, mailbox) = (Arc::clone(shared), shared.subscribe(WAITING));
     std::thread::spawn(move || {
-        let frames = take_frames(&mailbox, FRAMES, Duration::MAX, |_| ());
+        let frames = mailbox.frames(FRAMES, Duration::MAX, |_| ());
         drop(mailbox);
         if frames.len() < FRAMES {
             return;
@@ -27,31 +26,6 @@ pub fn check_first_frames(shared: &Arc<LiveHandle>) {
             Err(error) => shared.notice(Severity::Warning, not_checked(&error)),
         }
     });
-}
-
-/// The next frames of a source: fewer than `count` if none comes for the time `patience`, or the source ends. `seen` is
-/// called with each event.
-pub fn take_frames(
-    mailbox: &Mailbox<Event>,
-    count: usize,
-    patience: Duration,
-    mut seen: impl FnMut(&Event),
-) -> Vec<Frame> {
-    let (mut frames, mut last) = (Vec::new(), Instant::now());
-    while frames.len() < count && last.elapsed() < patience {
-        match mailbox.take(Duration::from_millis(100)) {
-            Popped::Item(event) => {
-                seen(&event);
-                if let Event::Frame(frame) = event {
-                    last = Instant::now();
-                    frames.push(Frame(frame.result.values_ohm.clone()));
-                }
-            }
-            Popped::TimedOut => {}
-            Popped::Closed => break,
-        }
-    }
-    frames
 }
 
 fn not_checked(error: &CalibrateError) -> String {

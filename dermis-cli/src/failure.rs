@@ -196,49 +196,9 @@ impl From<DesignError> for Failure {
     }
 }
 
-impl From<dermis::method::MethodError> for Failure {
-    fn from(error: dermis::method::MethodError) -> Self {
-        match error {
-            dermis::method::MethodError::Dermis(error) => error.into(),
-            error => Failure::given(error, None),
-        }
-    }
-}
-
-impl From<dermis_learn::LearnError> for Failure {
-    fn from(error: dermis_learn::LearnError) -> Self {
-        match error {
-            dermis_learn::LearnError::Dermis(error) => error.into(),
-            dermis_learn::LearnError::Sim(error) => (*error).into(),
-            error => Failure::given(error, None),
-        }
-    }
-}
-
-impl From<dermis_live::LiveError> for Failure {
-    fn from(error: dermis_live::LiveError) -> Self {
-        match error {
-            dermis_live::LiveError::Dermis(error) => error.into(),
-            dermis_live::LiveError::Method(error) => (*error).into(),
-            dermis_live::LiveError::Pipeline(error) => match *error {
-                dermis::pipeline::PipelineError::Method(error) => (*error).into(),
-                dermis::pipeline::PipelineError::Dermis(error) => (*error).into(),
-                error => Failure::given(error, None),
-            },
-            error => Failure::given(error, None),
-        }
-    }
-}
-
-impl From<dermis_emulate::EmulateError> for Failure {
-    fn from(error: dermis_emulate::EmulateError) -> Self {
-        use dermis_emulate::EmulateError;
-        match error {
-            EmulateError::Dermis(error) => error.into(),
-            EmulateError::Sim(error) => (*error).into(),
-            EmulateError::Live(error) => (*error).into(),
-            error => Failure::given(error, None),
-        }
+impl From<dermis_calibrate::CalibrateError> for Failure {
+    fn from(error: dermis_calibrate::CalibrateError) -> Self {
+        Failure::given(&error, error.fix())
     }
 }
 
@@ -277,11 +237,11 @@ fn first_line_of(span: std::ops::Range<usize>) -> SourceSpan {
     (span.start, span.len().min(MAX)).into()
 }
 
-impl From<dermis::Error> for Failure {
-    fn from(error: dermis::Error) -> Self {
+impl From<dermis_plot::PlotError> for Failure {
+    fn from(error: dermis_plot::PlotError) -> Self {
         match error {
-            dermis::Error::Design(error) => error.into(),
-            error => Failure::given(error, None),
+            dermis_plot::PlotError::NoFlatLayout => Failure::given(error, Some("ask for the view in space: --view 3d")),
+            error => Failure::Ours(error.to_string()),
         }
     }
 }
@@ -290,10 +250,33 @@ impl From<dermis_sim::Error> for Failure {
     fn from(error: dermis_sim::Error) -> Self {
         match error {
             dermis_sim::Error::Dermis(error) => error.into(),
-            error => Failure::given(error, None),
+            error => Failure::given(&error, error.fix().as_deref()),
         }
     }
 }
+
+/// Errors that may be those of a crate below, which are reported as such.
+macro_rules! from_crates {
+    ($($error:ty { $($variant:ident($inner:ident) => $of_below:expr),* })*) => {
+        $(impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                type Of = $error;
+                match error {
+                    $(Of::$variant($inner) => $of_below.into(),)*
+                    error => Failure::given(error, None),
+                }
+            }
+        })*
+    };
+}
+from_crates!(
+    dermis::Error { Design(error) => error }
+    dermis::method::MethodError { Dermis(error) => error }
+    dermis::pipeline::PipelineError { Dermis(error) => *error, Method(error) => *error }
+    dermis_learn::LearnError { Dermis(error) => error, Sim(error) => *error }
+    dermis_live::LiveError { Dermis(error) => error, Method(error) => *error, Pipeline(error) => *error }
+    dermis_emulate::EmulateError { Dermis(error) => error, Sim(error) => *error, Live(error) => *error }
+);
 
 /// Errors of one module, by the error of its crate.
 macro_rules! from_modules {

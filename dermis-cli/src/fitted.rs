@@ -1,16 +1,17 @@
 //! Figures of a calibration as a table and as JSON.
 
-use crate::calibrated::late_channels;
 use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use dermis::frame::Frame;
 use dermis::method::MethodError;
 use dermis::skin::Skin;
+use dermis::text::ranges;
 use dermis_calibrate::{
     Alternatives, CalibrateError, Calibration, Correction, CorrectionQuality, Fitted, Label, LabelFrame, Quality,
 };
 use dermis_plot::report::Table;
 use serde_json::json;
+use std::collections::BTreeSet;
 
 /// Fits a calibration; without a method whichever is better. Shows that the program works.
 pub fn fit(
@@ -22,9 +23,6 @@ pub fn fit(
 ) -> Outcome<Fitted> {
     let _waiting = Progress::waiting("fitting the calibration");
     Fitted::fit(&dermis_learn::methods(), skin, frames, labels, frame, method).map_err(|error| match error {
-        CalibrateError::CorrectionFrame { .. } => {
-            Failure::given(error, Some("name the columns of --truth in its first row"))
-        }
         CalibrateError::Method(error) => match *error {
             MethodError::Dermis(error) => error.into(),
             error => {
@@ -123,8 +121,10 @@ fn map_summary(calibration: &Calibration) -> Table {
     table
 }
 
-impl From<CalibrateError> for Failure {
-    fn from(error: CalibrateError) -> Self {
-        Failure::given(error, None)
-    }
+/// The channels that are late, by the number of rows.
+fn late_channels(lags: &[i32]) -> String {
+    let late: BTreeSet<i32> = lags.iter().copied().filter(|lag| *lag != 0).collect();
+    let channels = |lag: i32| (0..lags.len()).filter(|&channel| lags[channel] == lag).collect::<Vec<_>>();
+    let texts: Vec<String> = late.iter().map(|&lag| format!("{} by {lag}", ranges(&channels(lag)))).collect();
+    if texts.is_empty() { "none".into() } else { texts.join("; ") }
 }

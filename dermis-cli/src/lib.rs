@@ -7,7 +7,6 @@
 
 mod build_page;
 mod build_watch;
-mod calibrated;
 mod channels;
 mod check_page;
 mod command;
@@ -26,13 +25,13 @@ mod range;
 mod rows;
 mod skin;
 mod source;
-mod training;
 
+pub use command::train::losses;
 pub use described::{DescribedArgument, DescribedCommand};
 pub use failure::CommandError;
-pub use training::TrainingRun;
 
 use clap::{CommandFactory, Parser};
+use dermis_learn::TrainingRunOptions;
 use std::ffi::OsString;
 
 /// Electrical resistance tomography (ERT) skins for robots: design, simulation, reconstruction, live contacts.
@@ -78,6 +77,18 @@ pub fn try_run(arguments: impl IntoIterator<Item = OsString>) -> Result<(), Comm
         Err(text) if !text.use_stderr() => console::print(&text.to_string()).map_err(CommandError::of_failure),
         Err(error) => Err(CommandError::of_arguments(&error)),
     }
+}
+
+/// The training that arguments of `dermis train` describe, without `dermis` and `train`, for programs that compute the steps
+/// themselves.
+///
+/// # Errors
+/// Wrong arguments.
+pub fn training_options(arguments: impl IntoIterator<Item = OsString>) -> Result<TrainingRunOptions, CommandError> {
+    let line = ["dermis", "train"].into_iter().map(OsString::from).chain(arguments);
+    let parsed = Arguments::try_parse_from(line).map_err(|error| CommandError::of_arguments(&error))?;
+    let command::Command::Train(arguments) = parsed.command else { unreachable!("the line begins with `train`") };
+    arguments.options().map_err(CommandError::of_failure)
 }
 
 /// Runs the command. A panic is a bug: an internal error, in whichever thread it was.

@@ -5,14 +5,8 @@ use dermis::frame::write_whole;
 use dermis_plot::Picture;
 use std::path::Path;
 
-/// Format of a picture file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum PictureFormat {
-    /// Scalable vector graphics.
-    Svg,
-    /// Pixels.
-    Png,
-}
+/// Dots per pixel of a PNG, for high-resolution screens and print.
+const PNG_SCALE: f64 = 2.0;
 
 /// Refuses another ending than that of a page.
 pub fn check_page_ending(path: &Path) -> Outcome {
@@ -23,28 +17,23 @@ pub fn check_page_ending(path: &Path) -> Outcome {
     Err(Failure::given(message, Some("choose this ending")))
 }
 
-/// Dots per pixel of a PNG, for high-resolution screens and print.
-const PNG_SCALE: f64 = 2.0;
-
-impl PictureFormat {
-    /// The format by the ending of a path.
-    pub fn of(path: &Path) -> Outcome<Self> {
-        match path.extension().and_then(|extension| extension.to_str()).map(str::to_ascii_lowercase).as_deref() {
-            Some("svg") => Ok(PictureFormat::Svg),
-            Some("png") => Ok(PictureFormat::Png),
-            _ => {
-                let message = format!("{}: no kind of picture known", path.display());
-                Err(Failure::given(message, Some("name the picture .svg or .png")))
-            }
+/// Whether a picture is written as PNG, and not as SVG: by the ending of its path.
+pub fn is_png(path: &Path) -> Outcome<bool> {
+    match path.extension().and_then(|extension| extension.to_str()).map(str::to_ascii_lowercase).as_deref() {
+        Some("svg") => Ok(false),
+        Some("png") => Ok(true),
+        _ => {
+            let message = format!("{}: no kind of picture known", path.display());
+            Err(Failure::given(message, Some("name the picture .svg or .png")))
         }
     }
+}
 
-    /// Writes a picture.
-    pub fn save(self, picture: &Picture, path: &Path) -> Outcome {
-        let bytes = match self {
-            PictureFormat::Svg => picture.to_svg().into_bytes(),
-            PictureFormat::Png => picture.to_png(PNG_SCALE).map_err(|error| Failure::Ours(error.to_string()))?,
-        };
-        Ok(write_whole(path, |writer| writer.write_all(&bytes))?)
+/// Writes a picture in the format of its ending.
+pub fn save(picture: &Picture, path: &Path) -> Outcome {
+    if !is_png(path)? {
+        return Ok(picture.write_svg(path)?);
     }
+    let bytes = picture.to_png(PNG_SCALE)?;
+    Ok(write_whole(path, |out| out.write_all(&bytes))?)
 }

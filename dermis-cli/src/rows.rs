@@ -1,5 +1,6 @@
 //! Rows of a table, as arguments name them.
 
+use crate::failure::{Failure, Outcome};
 use std::str::FromStr;
 
 /// Rows by number, from 0: `0..500` (the end is not included), `7`, or several of these separated by commas.
@@ -36,9 +37,16 @@ impl FromStr for Rows {
     }
 }
 
+/// The rows that an option chooses of `count`, ascending; all of them without a choice.
+pub fn chosen(rows: Option<&Rows>, count: usize, option: &str) -> Outcome<Vec<usize>> {
+    let Some(rows) = rows else { return Ok((0..count).collect()) };
+    let chosen = rows.of(count).map_err(|message| Failure::given(message, Some(&format!("choose other {option}"))))?;
+    Ok(chosen.to_vec())
+}
+
 impl Rows {
     /// The rows, ascending, where there are `count`.
-    pub fn of(&self, count: usize) -> Result<&[usize], String> {
+    fn of(&self, count: usize) -> Result<&[usize], String> {
         match self.0.iter().find(|row| **row >= count) {
             Some(row) if count == 0 => Err(format!("row {row} does not exist: there are no rows")),
             Some(row) => Err(format!("row {row} does not exist: the rows are 0 to {}", count - 1)),

@@ -31,6 +31,6 @@ pub use shipped::files as shipped_files;
 pub use tensors::Precision;
 #[cfg(feature = "train")]
 pub use training::{
-    Ablation, Augmentation, Files, Part, Samples, Source, Streamed, Symmetries, Trainer, Training, TrainingData,
-    TrainingPreset,
+    Ablation, Augmentation, Files, NetworkPreset, Part, SampleSource, Samples, Source, Streamed, Symmetries, Trainer,
+    Training, TrainingData, TrainingPreset, TrainingRun, TrainingRunOptions,
 };

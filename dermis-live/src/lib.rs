@@ -17,8 +17,8 @@ pub mod sinks;
 pub use device::ScanTable;
 pub use error::LiveError;
 pub use runtime::{
-    ClientSession, Control, Event, Live, LiveFrame, LiveHandle, LiveOptions, Mailbox, Popped, Pressable,
-    RecordingOptions,
+    ClientSession, Control, Event, Latency, Live, LiveFrame, LiveHandle, LiveOptions, LiveStatistics, LiveSummary,
+    Mailbox, Popped, Pressable, RecordingOptions,
 };
 
 #[cfg(test)]

@@ -169,6 +169,7 @@ impl Cumulative<'_> {
 const CURVE_COLOURS: [Colour; 5] = [[0, 114, 178], [213, 94, 0], [0, 158, 115], [204, 121, 167], [86, 180, 233]];
 
 /// Line plots of several curves.
+#[derive(Debug, Clone, Default)]
 pub struct Curves<'a> {
     /// The title.
     pub title: &'a str,

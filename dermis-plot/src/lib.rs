@@ -46,6 +46,7 @@ pub use scene::{Key, Scene};
 pub use svg::Picture;
 
 use dermis::design::{Body, SkinDesign};
+use dermis::skin::Skin;
 
 /// View of a scene.
 #[derive(Debug, Clone, PartialEq)]
@@ -78,6 +79,32 @@ impl View {
             View::From(cameras) => Ok(solid::draw(scene, cameras)),
         }
     }
+}
+
+/// A value for each pixel of a skin, in its usual view.
+///
+/// ```
+/// use dermis::skin::Skin;
+/// use dermis_plot::{Key, Scale, skin_map};
+///
+/// let skin = Skin::load("tank16")?;
+/// let areas = &skin.pixels().areas;
+/// let key = Key { scale: Scale::sequential(areas.iter().copied()), label: "area (m2)".into() };
+/// assert!(skin_map(&skin, areas, key, "Pixels", "")?.to_svg().contains(">Pixels</text>"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+/// None for a valid design.
+pub fn skin_map(
+    skin: &Skin,
+    values: &[f64],
+    key: Key,
+    title: impl Into<String>,
+    subtitle: impl Into<String>,
+) -> Result<Picture, PlotError> {
+    let scene = Drawing::new(skin.design(), skin.mesh()).field(skin.pixels(), values, key).titled(title, subtitle);
+    View::of(skin.design()).draw(&scene, skin.design())
 }
 
 #[cfg(test)]

@@ -3,10 +3,12 @@
 #[cfg(feature = "png")]
 use crate::PlotError;
 use crate::colour::{Colour, INK, WHITE};
+use dermis::frame::{TableError, write_whole};
 use dermis::text::{decimal, escaped};
 #[cfg(feature = "png")]
 use resvg::{tiny_skia, usvg};
 use std::fmt::Write as _;
+use std::path::Path;
 #[cfg(feature = "png")]
 use std::sync::{Arc, LazyLock};
 
@@ -223,6 +225,14 @@ impl Picture {
              font-family=\"{FONT_FAMILY}\">\n<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n{}</svg>\n",
             self.body
         )
+    }
+
+    /// Writes the picture as an SVG file, completely or not at all.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn write_svg(&self, path: &Path) -> Result<(), TableError> {
+        write_whole(path, |out| out.write_all(self.to_svg().as_bytes()))
     }
 
     /// The picture as a PNG file with `scale` dots per pixel.

@@ -87,6 +87,16 @@ impl From<dermis_sim::Error> for Failure {
     fn from(error: dermis_sim::Error) -> Self {
         match error {
             dermis_sim::Error::Dermis(error) => error.into(),
+            error => Failure::Given { message: error.to_string(), hint: error.fix(), line: None },
+        }
+    }
+}
+
+impl From<dermis_learn::LearnError> for Failure {
+    fn from(error: dermis_learn::LearnError) -> Self {
+        match error {
+            dermis_learn::LearnError::Dermis(error) => error.into(),
+            dermis_learn::LearnError::Sim(error) => (*error).into(),
             error => Failure::given(error),
         }
     }
@@ -123,7 +133,6 @@ from_message!(
     dermis::frame::TableError,
     dermis::mesh::MeshError,
     dermis::reconstruct::ReconstructError,
-    dermis_learn::LearnError,
     dermis_sim::evaluate::EvaluateError,
     dermis_sim::touch::TouchError
 );

@@ -4,8 +4,7 @@ use crate::arrays;
 use crate::failure::{Failure, Outcome};
 use crate::worker;
 use dermis::geom::Point3;
-use dermis_cli::TrainingRun;
-use dermis_learn::{Epoch, Input, LearnError, Network, Precision, Samples, Target};
+use dermis_learn::{Epoch, Input, LearnError, Network, Precision, Samples, Target, TrainingRun};
 use dermis_sim::dataset::Sample;
 use numpy::prelude::*;
 use numpy::{PyArray1, PyArray2, PyArray3};
@@ -37,7 +36,7 @@ impl Training {
     #[new]
     fn new(py: Python<'_>, arguments: Vec<OsString>) -> Outcome<Self> {
         worker::run(py, "preparing", 1, |_| {
-            let run = TrainingRun::new(arguments)?;
+            let run = TrainingRun::new(dermis_cli::training_options(arguments)?)?;
             let trainer = run.training().trainer()?;
             let (input, target_scale) = (trainer.input().clone(), trainer.target_scale());
             drop(trainer);
@@ -150,7 +149,7 @@ impl Training {
 
     /// Writes the plot of the losses.
     fn write_losses(&self, epochs: &str) -> Outcome<()> {
-        Ok(self.run.write_losses(&parse(epochs)?)?)
+        Ok(dermis_cli::losses(&parse(epochs)?).write_svg(&self.run.output().join("losses.svg"))?)
     }
 
     /// Writes the model of trained weights, a safetensors file.
@@ -159,7 +158,8 @@ impl Training {
         worker::run(py, "saving", 1, |_| {
             let architecture = &self.run.training().preset().architecture;
             let network = Network::parse(architecture, Path::new("weights"), &weights)?;
-            Ok(self.run.save(&self.input, network.scaled(self.target_scale.recip()), &epochs)?)
+            self.run.save(&self.input, network.scaled(self.target_scale.recip()), &epochs)?;
+            Ok(())
         })
     }
 }

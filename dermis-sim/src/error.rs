@@ -21,12 +21,29 @@ pub enum Error {
     /// A dataset that cannot be generated, read or resumed.
     #[error(transparent)]
     Dataset(Box<crate::dataset::DatasetError>),
+    /// Bounds that do not exist.
+    #[error(transparent)]
+    Bound(#[from] crate::bound::BoundError),
     /// A score that cannot be computed.
     #[error(transparent)]
     Evaluate(#[from] crate::evaluate::EvaluateError),
     /// A design that cannot be optimised.
     #[error(transparent)]
     Optimise(#[from] crate::optimise::OptimiseError),
+}
+
+impl Error {
+    /// What to do, where the message does not say it.
+    pub fn fix(&self) -> Option<String> {
+        match self {
+            Error::Bound(error) => Some(error.fix()),
+            Error::Optimise(error) => error.fix().map(String::from),
+            Error::Evaluate(crate::evaluate::EvaluateError::TooFewFound { .. }) => {
+                Some("ask for more --samples".into())
+            }
+            _ => None,
+        }
+    }
 }
 
 // Boxed: its paths and values would make every result of the crate larger.

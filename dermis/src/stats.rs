@@ -48,6 +48,23 @@ impl Summary {
     }
 }
 
+/// Errors of estimated forces.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ForceErrors {
+    /// Mean of |estimate / truth - 1|.
+    pub error: f64,
+    /// Standard deviation over mean of estimate / truth.
+    pub spread: f64,
+}
+
+impl ForceErrors {
+    /// From the ratios of estimated and true forces; `None` without any.
+    pub fn of(ratios: &[f64]) -> Option<Self> {
+        let errors: Vec<f64> = ratios.iter().map(|ratio| (ratio - 1.0).abs()).collect();
+        (!ratios.is_empty()).then(|| ForceErrors { error: mean(&errors), spread: coefficient_of_variation(ratios) })
+    }
+}
+
 /// A floating-point number with a total order.
 pub trait Real: Copy {
     /// The total order of IEEE 754.

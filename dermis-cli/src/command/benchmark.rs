@@ -7,17 +7,17 @@ use crate::range::{count, seed};
 use crate::skin;
 use clap::Args;
 use dermis::design::MAX_ELECTRODES;
-use dermis::frame::{Differences, write_whole};
+use dermis::frame::Differences;
 use dermis::method::Method;
 use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_plot::chart::Curves;
-use dermis_plot::{Drawing, Key, Picture, Scale, View};
-use dermis_sim::evaluate::{Benchmark, BenchmarkBound, BenchmarkOptions, BenchmarkResult, FamiliesResult};
-use dermis_sim::experiment::{Family, Sizes};
+use dermis_plot::{Key, Picture, Scale, skin_map};
+use dermis_sim::evaluate::{BenchmarkOptions, BenchmarkSummary, benchmark, benchmark_families};
+use dermis_sim::experiment::Family;
 use dermis_sim::twin::TwinOptions;
 use dermis_study::metrics;
-use serde::Serialize;
+use std::ops::Range;
 use std::path::PathBuf;
 
 /// The arguments of `dermis benchmark`.
@@ -67,102 +67,61 @@ pub struct Arguments {
 const FAMILY_FRAMES: usize = 40;
 const QUICK_FRAMES: usize = 10;
 
-/// The results of families as JSON.
-#[derive(Serialize)]
-struct FamiliesSummary<'a> {
-    design: &'a str,
-    method: &'a str,
-    skins: &'a [FamiliesResult],
-}
-
-/// The results as JSON.
-#[derive(Serialize)]
-struct Summary<'a> {
-    design: &'a str,
-    twin: &'a str,
-    method: &'a str,
-    alpha: Option<f64>,
-    /// What the skin allows any method; none for twins without noise.
-    bound: Option<&'a BenchmarkBound>,
-    twins: &'a [BenchmarkResult],
-}
-
 impl Arguments {
     /// Runs the benchmark on every twin.
     pub fn run(self) -> Outcome {
         let skin = skin::load(&self.design)?;
-        let options = TwinOptions::load(&self.twin)?;
-        let pixels = skin.pixels();
+        let twin = TwinOptions::load(&self.twin)?;
         let method = self.method.prepare(&skin, &Differences::default())?;
-        let benchmark = Benchmark {
-            design: skin.design(),
-            mesh: skin.mesh(),
-            pixels,
-            options: &options,
-            method: method.reconstruct().as_ref(),
-            alpha: method.alpha(),
-        };
-        if self.families {
-            return self.families(&benchmark, &skin, &method);
-        }
-        let size = self.size();
-        let each = metrics::benchmark_frames(&size, pixels.len());
-        let progress = Progress::new("benchmarking", each * self.twins as usize);
         let seeds = self.seed..self.seed + self.twins;
-        let twins = seeds.map(|seed| benchmark.run(seed, &size, |done| progress.steps(done as u64)));
-        let twins: Vec<BenchmarkResult> = twins.collect::<dermis_sim::Result<_>>()?;
+        if self.families {
+            return self.families(&skin, &method, &twin, seeds);
+        }
+        let size = BenchmarkOptions {
+            dead_electrodes: self.dead,
+            ..if self.quick { BenchmarkOptions::quick() } else { BenchmarkOptions::default() }
+        };
+        let each = metrics::benchmark_frames(&size, skin.pixels().len());
+        let progress = Progress::new("benchmarking", each * self.twins as usize);
+        let found = benchmark(&skin, &method, &twin, seeds, &size, |done| progress.steps(done as u64))?;
         drop(progress);
-        let waiting = Progress::waiting("computing the bounds");
-        let bound = benchmark.bound(self.seed..self.seed + self.twins, &size)?;
-        drop(waiting);
         if let Some(path) = &self.map {
-            let picture = self.map(&skin, pixels, &size, &twins)?;
-            write_whole(path, |out| out.write_all(picture.to_svg().as_bytes()))?;
+            self.map(&skin, found.least_forces_n(skin.pixels().len(), &size))?.write_svg(path)?;
         }
         if let Some(path) = &self.curve {
-            let picture = self.curve(method.description(), &twins, bound.as_ref());
-            write_whole(path, |out| out.write_all(picture.to_svg().as_bytes()))?;
+            self.curve(method.description(), &found).write_svg(path)?;
         }
         if self.json {
-            return print_json(&Summary {
-                design: &skin.design().name,
-                twin: &options.name,
-                method: method.label(),
-                alpha: method.alpha(),
-                bound: bound.as_ref(),
-                twins: &twins,
-            });
+            return print_json(&found);
         }
-        let advice = twins.iter().find_map(|twin| twin.grid.advice());
+        let advice = found.twins.iter().find_map(|twin| twin.grid.advice());
         print(&format!(
             "{} `{}` of {} (seeds {} to {}), {}\n\n{}\n{}",
-            counted(twins.len(), "twin"),
-            options.name,
-            skin.design().name,
+            counted(found.twins.len(), "twin"),
+            found.twin,
+            found.design,
             self.seed,
             self.seed + self.twins - 1,
             method.description(),
-            metrics::table(&twins, bound.as_ref()).to_text(),
+            metrics::table(&found.twins, found.bound.as_ref()).to_text(),
             advice.map(|advice| format!("\nnote: {advice}\n")).unwrap_or_default()
         ))
     }
 
     /// Runs the benchmark of families on every skin.
-    fn families(&self, benchmark: &Benchmark<'_>, skin: &Skin, method: &Method) -> Outcome {
+    fn families(&self, skin: &Skin, method: &Method, twin: &TwinOptions, seeds: Range<u64>) -> Outcome {
         let count = if self.quick { QUICK_FRAMES } else { FAMILY_FRAMES };
-        let seeds = self.seed..self.seed + self.twins;
         let progress = Progress::new("benchmarking", self.twins as usize * count * Family::ALL.len());
-        let skins = seeds.map(|seed| benchmark.families(seed, count, |done| progress.steps(done as u64)));
-        let skins: Vec<FamiliesResult> = skins.collect::<dermis_sim::Result<_>>()?;
+        let found = benchmark_families(skin, method, twin, seeds, count, |done| progress.steps(done as u64))?;
         drop(progress);
         if self.json {
-            return print_json(&FamiliesSummary { design: &skin.design().name, method: method.label(), skins: &skins });
+            return print_json(&found);
         }
-        let [families, each] = metrics::families_tables(&skins);
+        let [families, each] = metrics::families_tables(&found.skins);
         print(&format!(
             "{} drawn for {} (seeds {} to {}), {} of each family on each skin, {}\n\n{}\n{}",
-            counted(skins.len(), "skin"),
-            skin.design().name,
+            counted(found.skins.len(), "skin"),
+            found.design,
             self.seed,
             self.seed + self.twins - 1,
             counted(count, "frame"),
@@ -172,33 +131,25 @@ impl Arguments {
         ))
     }
 
-    fn size(&self) -> BenchmarkOptions {
-        let dead_electrodes = self.dead;
-        match self.quick {
-            false => BenchmarkOptions { dead_electrodes, ..BenchmarkOptions::default() },
-            true => {
-                let whole = Sizes::default();
-                // 7 has no common divisor with the image sizes of the shipped skins, so that all columns are used.
-                let sizes = Sizes { grid_step: 7, random: 90, pairs: 20, fours: 50, ..whole };
-                BenchmarkOptions { sizes, untouched: 2000, force_step: 7, places: 10, dead_electrodes }
-            }
-        }
+    /// The twins of the results.
+    fn twins(&self) -> String {
+        format!("{} `{}`", counted(self.twins as usize, "twin"), self.twin)
     }
 
     /// The fraction of resolved pairs of touches against their distance and that which the skin allows, with a line at
     /// 90 %.
-    fn curve(&self, method: String, twins: &[BenchmarkResult], bound: Option<&BenchmarkBound>) -> Picture {
-        let places = resolved(twins);
+    fn curve(&self, method: String, found: &BenchmarkSummary) -> Picture {
+        let places = found.two_resolved();
         let bar = places.iter().map(|[distance_m, _]| [1e3 * distance_m, 90.0]).collect();
         let in_percent = |[distance_m, part]: [f64; 2]| [1e3 * distance_m, 100.0 * part];
         let mut curves = vec![(method, places.iter().copied().map(in_percent).collect()), ("90 %".into(), bar)];
-        if let Some(bound) = bound {
+        if let Some(bound) = &found.bound {
             let steps = bound.two_resolved.iter().map(|&(distance_m, part)| in_percent([distance_m, part]));
             curves.push(("bound".into(), steps.collect()));
         }
         Curves {
             title: "Two-point resolution",
-            subtitle: &format!("{} `{}`", counted(twins.len(), "twin"), self.twin),
+            subtitle: &self.twins(),
             below: "distance (mm)",
             left: "resolved pairs (%)",
             logarithmic: false,
@@ -209,38 +160,10 @@ impl Arguments {
     }
 
     /// The mean over the twins of the smallest detectable force at each pixel.
-    fn map(
-        &self,
-        skin: &Skin,
-        pixels: &dermis::image::PixelSpace,
-        size: &BenchmarkOptions,
-        twins: &[BenchmarkResult],
-    ) -> Outcome<Picture> {
-        let mut forces = vec![f64::NAN; pixels.len()];
-        for (place, pixel) in (0..pixels.len()).step_by(size.force_step).enumerate() {
-            let sum: f64 = twins.iter().map(|twin| twin.least_forces_n[place]).sum();
-            forces[pixel] = sum / twins.len() as f64;
-        }
-        let drawing = Drawing::new(skin.design(), skin.mesh());
-        let scale = Scale::sequential(forces.iter().copied());
-        let mut scene = drawing.field(
-            pixels,
-            &forces,
-            Key { scale, label: "smallest force detected with probability 0.9 (N)".into() },
-        );
-        scene.title = "Smallest detectable force".into();
-        scene.subtitle = format!(
-            "{} `{}`, one false contact an hour at 120 frames a second",
-            counted(twins.len(), "twin"),
-            self.twin
-        );
-        View::Unrolled.draw(&scene, skin.design()).map_err(|error| crate::failure::Failure::Ours(error.to_string()))
+    fn map(&self, skin: &Skin, forces_n: Vec<f64>) -> Outcome<Picture> {
+        let scale = Scale::sequential(forces_n.iter().copied());
+        let key = Key { scale, label: "smallest force detected with probability 0.9 (N)".into() };
+        let subtitle = format!("{}, one false contact an hour at 120 frames a second", self.twins());
+        Ok(skin_map(skin, &forces_n, key, "Smallest detectable force", subtitle)?)
     }
-}
-
-/// The share of resolved pairs over all twins for each distance (m).
-fn resolved(twins: &[BenchmarkResult]) -> Vec<[f64; 2]> {
-    let steps = twins.first().map_or(&[][..], |twin| &twin.two_resolved);
-    let part = |step: usize| twins.iter().map(|twin| twin.two_resolved[step].1).sum::<f64>() / twins.len() as f64;
-    steps.iter().enumerate().map(|(step, (separation_m, _))| [*separation_m, part(step)]).collect()
 }

@@ -5,25 +5,16 @@ use crate::failure::{Failure, Outcome};
 use crate::range::{count, number};
 use crate::skin;
 use clap::Args;
-use dermis::design::SkinDesign;
 use dermis::estimate::drift::DriftSpread;
 use dermis::frame::write_whole;
-use dermis::image::PixelSpace;
 use dermis::skin::Skin;
-use dermis::stats::{mean, quantile, sorted};
 use dermis::text::counted;
 use dermis_plot::chart::Cumulative;
 use dermis_plot::report::Table;
-use dermis_plot::{Drawing, Key, Picture, Scale, View};
-use dermis_sim::bound::{BoundOptions, Bounds};
+use dermis_plot::{Key, Picture, Scale, skin_map};
+use dermis_sim::bound::{BoundMap, BoundOptions, MapOptions, PlaceBounds, Spread, map_bounds};
 use dermis_sim::twin::TwinOptions;
-use rayon::prelude::*;
-use serde::Serialize;
-use std::io::Write;
 use std::path::PathBuf;
-
-/// Time over which frames are averaged in the second column, s.
-const LONG_S: f64 = 0.1;
 
 /// The arguments of `dermis bound`.
 #[derive(Debug, Args)]
@@ -80,55 +71,9 @@ pub struct Arguments {
     json: bool,
 }
 
-/// The bounds at a place; none where the skin allows none.
-#[derive(Debug, Clone, Copy, Serialize)]
-struct Place {
-    position_m: [f64; 3],
-    sd_m: Option<f64>,
-    force_sd_n: Option<f64>,
-    smallest_force_n: Option<f64>,
-    separation_m: Option<f64>,
-}
-
-/// The bounds of all places for some number of frames.
-#[derive(Debug, Serialize)]
-struct Summary {
-    frames: usize,
-    sd_m: Option<Spread>,
-    force_sd_n: Option<Spread>,
-    smallest_force_n: Option<Spread>,
-    separation_m: Option<Spread>,
-    places: Vec<Place>,
-}
-
 /// A value of a place, and the statistics of such values.
-type OfPlace = fn(&Place) -> Option<f64>;
-type OfSummary = fn(&Summary) -> Option<Spread>;
-
-/// Statistics over places.
-#[derive(Debug, Clone, Copy, Serialize)]
-struct Spread {
-    mean: f64,
-    median: f64,
-    p95: f64,
-    largest: f64,
-    /// Number of places with a value.
-    places: usize,
-}
-
-impl Spread {
-    fn of(places: &[Place], value: impl Fn(&Place) -> Option<f64>) -> Option<Self> {
-        let values = sorted(places.iter().filter_map(value));
-        let largest = *values.last()?;
-        Some(Spread {
-            mean: mean(&values),
-            median: quantile(&values, 0.5),
-            p95: quantile(&values, 0.95),
-            largest,
-            places: values.len(),
-        })
-    }
-}
+type OfPlace = fn(&PlaceBounds) -> Option<f64>;
+type OfMap = fn(&BoundMap) -> Option<Spread>;
 
 impl Arguments {
     /// Computes the bounds at every pixel.
@@ -137,39 +82,23 @@ impl Arguments {
         let skin = skin::load(&self.design)?;
         let mut twin = TwinOptions::load(&self.twin)?;
         twin.electronics.snr_db = self.noise.or(twin.electronics.snr_db);
-        let long = ((LONG_S * twin.electronics.frame_rate_hz).round() as usize).max(1);
-        let waiting = Progress::waiting("preparing");
-        let design = self.read_design(skin.design())?;
-        let bounds = Bounds::new(&design, &twin, &self.options())?;
-        drop(waiting);
-        let one = self.summary(&skin, &bounds, 1)?;
-        if one.sd_m.is_none() {
-            let values = counted(design.protocol.channel_count(), "value");
-            return Err(Failure::given(
-                format!("the frame does not tell the place of a press anywhere on the skin: it has {values}"),
-                Some("read more values: a press has four unknowns, two of its place, its force and its tip"),
-            ));
-        }
-        let mean = self.summary(&skin, &bounds.averaged(long)?, long)?;
-        self.write_files(&skin, &one)?;
+        let progress = Progress::new("bounds", 2 * skin.pixels().len());
+        let found = map_bounds(&skin, &twin, &self.options(), || progress.step())?;
+        drop(progress);
+        let [one, mean] = &found.bounds;
+        self.write_files(&skin, one)?;
         if self.json {
-            let (design, twin) = (&skin.design().name, &twin.name);
-            return print_json(&serde_json::json!({
-                "design": design,
-                "twin": twin,
-                "without_electrodes": self.without_electrode,
-                "bounds": [one, mean],
-            }));
+            return print_json(&serde_json::json!(found));
         }
         print(&format!(
             "{}, presses of {} N with a tip of {} mm, noise of `{}`{}, {}\n\n{}",
-            skin.design().name,
+            found.design,
             self.force,
             1e3 * self.tip_radius,
-            twin.name,
+            found.twin,
             self.disconnected(),
             counted(one.places.len(), "place"),
-            table(&one, &mean).to_text()
+            table(one, mean).to_text()
         ))
     }
 
@@ -183,70 +112,28 @@ impl Arguments {
         }
     }
 
-    /// The design with the values that are read.
-    fn read_design(&self, design: &SkinDesign) -> Outcome<SkinDesign> {
-        let (count, mut design) = (design.electrodes.len(), design.clone());
-        if let Some(electrode) = self.without_electrode.iter().find(|electrode| **electrode >= count) {
-            let fix = format!("the electrodes of {} are 0 to {}", design.name, count - 1);
-            return Err(Failure::given(format!("there is no electrode {electrode}"), Some(&fix)));
-        }
-        design.protocol = (design.protocol.without_electrodes(&self.without_electrode))
-            .map_err(|_| Failure::given("no value is left", Some("leave out fewer electrodes")))?;
-        Ok(design)
-    }
-
-    fn options(&self) -> BoundOptions {
+    fn options(&self) -> MapOptions {
         let drift = self.coat_drift.zip(self.contact_drift).map(|(sheet, contact)| DriftSpread {
             sheet,
             contact,
             ..DriftSpread::default()
         });
-        BoundOptions {
-            force_n: self.force,
-            tip_radius_m: self.tip_radius,
-            frames: 1,
-            drift,
-            known_patches: self.known_patches,
+        MapOptions {
+            bound: BoundOptions {
+                force_n: self.force,
+                tip_radius_m: self.tip_radius,
+                drift,
+                known_patches: self.known_patches,
+                ..BoundOptions::default()
+            },
+            without_electrodes: self.without_electrode.clone(),
+            separation_step: self.separation_step,
         }
     }
 
-    /// The bounds at every pixel, for the mean of some frames.
-    fn summary(&self, skin: &Skin, bounds: &Bounds, frames: usize) -> Outcome<Summary> {
-        let pixels = skin.pixels();
-        let progress = Progress::new(&format!("bounds of {}", counted(frames, "frame")), pixels.len());
-        let at = |pixel: usize| {
-            let place = self.place(bounds, pixels, pixel);
-            progress.step();
-            place
-        };
-        let places: Vec<Place> = (0..pixels.len()).into_par_iter().map(at).collect::<dermis_sim::Result<_>>()?;
-        Ok(Summary {
-            frames,
-            sd_m: Spread::of(&places, |place| place.sd_m),
-            force_sd_n: Spread::of(&places, |place| place.force_sd_n),
-            smallest_force_n: Spread::of(&places, |place| place.smallest_force_n),
-            separation_m: Spread::of(&places, |place| place.separation_m),
-            places,
-        })
-    }
-
-    fn place(&self, bounds: &Bounds, pixels: &PixelSpace, pixel: usize) -> dermis_sim::Result<Place> {
-        let (position_m, normal) = (pixels.centres_m[pixel], pixels.normals[pixel]);
-        let position = bounds.position(position_m, normal)?;
-        let is_separated = bounds.has_chart() && self.separation_step > 0 && pixel.is_multiple_of(self.separation_step);
-        let separation_m = if is_separated { bounds.worst_separation_m(position_m)? } else { None };
-        Ok(Place {
-            position_m,
-            sd_m: position.map(|bound| bound.sd_m),
-            force_sd_n: position.map(|bound| bound.force_sd_n),
-            smallest_force_n: bounds.smallest_force_n(position_m, pixels.len())?,
-            separation_m,
-        })
-    }
-
-    fn write_files(&self, skin: &Skin, bounds: &Summary) -> Outcome {
+    fn write_files(&self, skin: &Skin, bounds: &BoundMap) -> Outcome {
         if let Some(path) = &self.output {
-            write_whole(path, |out| write_places(out, &bounds.places))?;
+            write_whole(path, |out| bounds.write_csv(out))?;
         }
         let maps: [(&Option<PathBuf>, &str, &str, OfPlace); 3] = [
             (&self.map, "Bound of the position", "standard deviation of the position (mm)", |place| {
@@ -265,19 +152,17 @@ impl Arguments {
         for (path, title, label, value) in maps {
             let Some(path) = path else { continue };
             let values: Vec<f64> = bounds.places.iter().map(|place| value(place).unwrap_or(f64::NAN)).collect();
-            let picture = self.draw(skin, &values, title, label)?;
-            write_whole(path, |out| out.write_all(picture.to_svg().as_bytes()))?;
+            let key = Key { scale: Scale::sequential(values.iter().copied()), label: label.into() };
+            skin_map(skin, &values, key, title, self.conditions())?.write_svg(path)?;
         }
-        if let Some(path) = &self.separation_curve {
-            write_whole(path, |out| out.write_all(self.curve(&bounds.places).to_svg().as_bytes()))?;
+        match &self.separation_curve {
+            Some(path) => Ok(self.curve(&bounds.places).write_svg(path)?),
+            None => Ok(()),
         }
-        Ok(())
     }
 
     /// The share of the places at which two presses are told from one, against their distance.
-    fn curve(&self, places: &[Place]) -> Picture {
-        let is_tried = |pixel: &usize| pixel.is_multiple_of(self.separation_step);
-        let tried = (0..places.len()).filter(is_tried).count();
+    fn curve(&self, places: &[PlaceBounds]) -> Picture {
         let values: Vec<f64> = places.iter().filter_map(|place| place.separation_m.map(|value| 1e3 * value)).collect();
         Cumulative {
             title: "Bound of the separation",
@@ -285,7 +170,7 @@ impl Arguments {
             below: "distance of two presses that are told from one in 90 % of frames (mm)",
             left: "fraction of the places",
             values: &values,
-            total: tried,
+            total: places.len().div_ceil(self.separation_step),
             marks: Vec::new(),
         }
         .draw()
@@ -300,43 +185,23 @@ impl Arguments {
     fn conditions(&self) -> String {
         format!("presses of {} N, noise of `{}`, one frame{}", self.force, self.twin, self.disconnected())
     }
-
-    fn draw(&self, skin: &Skin, values: &[f64], title: &str, label: &str) -> Outcome<Picture> {
-        let drawing = Drawing::new(skin.design(), skin.mesh());
-        let key = Key { scale: Scale::sequential(values.iter().copied()), label: label.into() };
-        let mut scene = drawing.field(skin.pixels(), values, key);
-        scene.title = title.into();
-        scene.subtitle = self.conditions();
-        let drawn = View::of(skin.design()).draw(&scene, skin.design());
-        drawn.map_err(|error| Failure::Ours(error.to_string()))
-    }
 }
 
-fn table(one: &Summary, mean: &Summary) -> Table {
+fn table(one: &BoundMap, mean: &BoundMap) -> Table {
     let columns = ["bound", "frames", "mean", "median", "95th percentile", "largest", "places"];
     let mut table = Table::new(&columns);
-    let quantities: [(&str, f64, OfSummary); 4] = [
-        ("position, standard deviation (mm)", 1e3, |summary| summary.sd_m),
-        ("force, standard deviation (N)", 1.0, |summary| summary.force_sd_n),
-        ("smallest force, 90 % found (N)", 1.0, |summary| summary.smallest_force_n),
-        ("two presses told from one, 90 % (mm)", 1e3, |summary| summary.separation_m),
+    let quantities: [(&str, f64, OfMap); 4] = [
+        ("position, standard deviation (mm)", 1e3, |map| map.sd_m),
+        ("force, standard deviation (N)", 1.0, |map| map.force_sd_n),
+        ("smallest force, 90 % found (N)", 1.0, |map| map.smallest_force_n),
+        ("two presses told from one, 90 % (mm)", 1e3, |map| map.separation_m),
     ];
     for (name, unit, spread) in quantities {
-        for summary in [one, mean] {
-            let Some(Spread { mean, median, p95, largest, places }) = spread(summary) else { continue };
+        for map in [one, mean] {
+            let Some(Spread { mean, median, p95, largest, places }) = spread(map) else { continue };
             let [mean, median, p95, largest] = [mean, median, p95, largest].map(|value| format!("{:.3}", unit * value));
-            table.row([name.into(), summary.frames.to_string(), mean, median, p95, largest, places.to_string()]);
+            table.row([name.into(), map.frames.to_string(), mean, median, p95, largest, places.to_string()]);
         }
     }
     table
-}
-
-fn write_places(out: &mut dyn Write, places: &[Place]) -> std::io::Result<()> {
-    writeln!(out, "x_m,y_m,z_m,sd_m,force_sd_n,smallest_force_n,separation_m")?;
-    let text = |value: Option<f64>| value.map(|value| value.to_string()).unwrap_or_default();
-    for Place { position_m: [x, y, z], sd_m, force_sd_n, smallest_force_n, separation_m } in places {
-        let values = [sd_m, force_sd_n, smallest_force_n, separation_m].map(|value| text(*value));
-        writeln!(out, "{x},{y},{z},{}", values.join(","))?;
-    }
-    Ok(())
 }

@@ -1,13 +1,12 @@
 //! `dermis calibrate`: a real skin calibrated with measured presses.
 
-use crate::calibrated::Presses;
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::fitted;
 use crate::frames::{CurrentArguments, FrameArguments, PAIRED_HELP, Recorded};
 use crate::guided::GuidedArguments;
 use crate::range::count;
-use crate::rows::Rows;
+use crate::rows::{Rows, chosen};
 use crate::skin;
 use clap::{ArgGroup, Args};
 use dermis::finding::FindingKind;
@@ -15,7 +14,9 @@ use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::skin::Skin;
 use dermis_calibrate::checks::{Recording, check_recording};
-use dermis_calibrate::{Calibration, Fitted, Label, LabelFrame, LearningPoint, expected_error_m, learning_curve};
+use dermis_calibrate::{
+    Calibration, Fitted, Label, LabelFrame, LearningPoint, Presses, expected_error_m, learning_curve,
+};
 use dermis_plot::report::Table;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -94,7 +95,7 @@ impl Arguments {
         let presses = Presses::read(truth, &skin, recorded.frames.len())?;
         warn_of_faults(&skin, &recorded, &presses)?;
         let frames = recorded.into_differences().frames;
-        let labels = presses.labels(self.labels.as_ref(), "--labels")?;
+        let labels = presses.labels(&chosen(self.labels.as_ref(), frames.len(), "--labels")?);
         let last = labels.last().map_or(0, |label| label.row);
         let used = if self.unlabelled { &frames[..] } else { &frames[..=last] };
         let fitted = fitted::fit(&skin, used, &labels, presses.frame(), method)?;

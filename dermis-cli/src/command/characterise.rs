@@ -1,21 +1,18 @@
 //! `dermis characterise`: position errors and force per strength of a method, measured on simulated touches.
 
 use crate::console::{Progress, print, print_json};
-use crate::failure::{Failure, Outcome};
+use crate::failure::Outcome;
 use crate::method::MethodArguments;
 use crate::range::{count, number, seed};
 use crate::skin;
 use clap::Args;
-use dermis::contact::REGION_95_SD;
-use dermis::detect::{DetectOptions, Forces, Misplacement, PositionSpread, blur_share};
+use dermis::detect::Forces;
 use dermis::frame::{Differences, write_whole};
-use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_plot::report::Table;
-use dermis_sim::dataset::{Generator, PatchTouches, Recipe, SkinSpread, Skins, Touch};
-use dermis_sim::evaluate::CalibrationRun;
+use dermis_sim::dataset::{PatchTouches, Recipe, SkinSpread, Skins, Touch};
+use dermis_sim::evaluate::{Characteristics, characterise};
 use serde_json::json;
-use std::io::Write;
 use std::path::PathBuf;
 
 /// The arguments of `dermis characterise`.
@@ -61,61 +58,20 @@ impl Arguments {
         if let Some(fraction) = self.peak_fraction {
             detection.peak_fraction = fraction;
         }
-        let run = self.calibration_run(&skin, method.reconstruct().as_ref(), &detection)?;
-        let few = || {
-            let message = format!(
-                "only {} matched with a touch: too few for a calibration",
-                counted(run.misplacements.len(), "contact")
-            );
-            Failure::given(message, Some("ask for more --samples"))
-        };
-        let blur = blur_share(&run.misplacements).ok_or_else(few)?;
-        let before = covered(&run.misplacements, |contact| contact.stated_m);
-        detection.spread = Some(PositionSpread::fit(&run.misplacements).ok_or_else(few)?);
-        // A method that is calibrated on touches without a force keeps its force calibration.
-        let single = run.misplacements.iter().filter(|contact| !contact.is_shared);
-        let presses = single.map(|contact| (contact.force_n, contact.newtons_per_strength));
-        detection.forces = Forces::fit(presses).or(detection.forces);
-        if let Some(path) = &self.output {
-            write_whole(path, |out| write(out, &run.misplacements))?;
-        }
-        if self.keep {
-            self.method.keep_detection(&skin, detection.clone())?;
-        }
-        if self.json {
-            return print_json(&json!({
-                "method": method.description(),
-                "alpha": method.alpha(),
-                "touches": run.touches,
-                "found": run.misplacements.len(),
-                "false_positives": run.false_positives,
-                "unexplained": run.images.unexplained(),
-                "gain": run.images.gain(),
-                "target_variance": run.images.target_variance(),
-                "covered_before": before,
-                "blur_share": blur,
-                "detection": detection,
-            }));
-        }
-        print(&format!("{}\n\n{}\n", method.description(), summary(&run, &detection, before, blur).to_text()))
-    }
-
-    fn calibration_run(
-        &self,
-        skin: &Skin,
-        method: &dyn dermis::reconstruct::Reconstruct,
-        detection: &DetectOptions,
-    ) -> Outcome<CalibrationRun> {
         let recipes = self.recipes()?;
         let progress = Progress::new("simulating touches", self.samples as usize * recipes.len());
-        let one = |recipe: &Recipe| {
-            let generator = Generator::new(skin.design(), skin.forward(), recipe)?;
-            Ok(CalibrationRun::of(method, detection, &generator, 0..self.samples, || progress.step())?)
-        };
-        recipes
-            .iter()
-            .map(one)
-            .try_fold(CalibrationRun::default(), |sum, run: Outcome<CalibrationRun>| Ok(sum.with(run?)))
+        let found = characterise(&skin, &method, detection, &recipes, || progress.step())?;
+        drop(progress);
+        if let Some(path) = &self.output {
+            write_whole(path, |out| found.write_csv(out))?;
+        }
+        if self.keep {
+            self.method.keep_detection(&skin, found.detection.clone())?;
+        }
+        if self.json {
+            return print_json(&json!(found));
+        }
+        print(&format!("{}\n\n{}\n", found.method, summary(&found).to_text()))
     }
 
     fn recipes(&self) -> Outcome<Vec<Recipe>> {
@@ -128,46 +84,27 @@ impl Arguments {
     }
 }
 
-/// The share of true positions inside the 95 % regions of given standard deviations.
-fn covered(contacts: &[Misplacement], sd_m: impl Fn(&Misplacement) -> f64) -> f64 {
-    let inside = contacts.iter().filter(|contact| contact.error_m <= REGION_95_SD * sd_m(contact)).count();
-    inside as f64 / contacts.len() as f64
-}
-
-fn summary(run: &CalibrationRun, detection: &DetectOptions, before: f64, blur: f64) -> Table {
-    let found = run.misplacements.len();
-    let spread = detection.spread.as_ref().expect("it was measured");
-    let after = |counts: fn(&Misplacement) -> bool| {
-        let part: Vec<Misplacement> = run.misplacements.iter().copied().filter(counts).collect();
-        format!("{:.1} %", 100.0 * covered(&part, |contact| spread.sd_m(&contact.circumstances)))
-    };
+fn summary(found: &Characteristics) -> Table {
+    let after = |counts| format!("{:.1} %", 100.0 * found.covered(counts));
     let mut table = Table::new(&["figure", "value"]);
-    table.pair("touches", run.touches);
-    table.pair("detected", format!("{found}, and {}", counted(run.false_positives, "false positive")));
-    table.pair("95 % region contains the truth, before calibration", format!("{:.1} %", 100.0 * before));
+    table.pair("touches", found.touches);
+    table.pair("detected", format!("{}, and {}", found.found, counted(found.false_positives, "false positive")));
+    table.pair("95 % region contains the truth, before calibration", format!("{:.1} %", 100.0 * found.covered_before));
     table.pair("after calibration, one touch in the frame", after(|contact| contact.touches == 1));
     table.pair(
         "after calibration, several touches, all detected",
         after(|contact| contact.touches > 1 && !contact.is_shared),
     );
     table.pair("after calibration, several touches, some missed", after(|contact| contact.is_shared));
-    table.pair("typical standard deviation", format!("{:.2} mm", 1e3 * spread.typical_m));
-    if let Some(Forces { newtons_per_strength, relative_sd, .. }) = detection.forces {
+    if let Some(spread) = &found.detection.spread {
+        table.pair("typical standard deviation", format!("{:.2} mm", 1e3 * spread.typical_m));
+    }
+    if let Some(Forces { newtons_per_strength, relative_sd, .. }) = found.detection.forces {
         table.pair("force over strength", format!("{newtons_per_strength:.4e} N"));
         table.pair("standard deviation of a force", format!("{:.0} %", 100.0 * relative_sd));
     }
-    table.pair("systematic error over contact radius", format!("{blur:.3}"));
-    table.pair("unexplained variance of the images", format!("{:.4}", run.images.unexplained()));
-    table.pair("variance of the targets", format!("{:.3e}", run.images.target_variance()));
+    table.pair("systematic error over contact radius", format!("{:.3}", found.blur_share));
+    table.pair("unexplained variance of the images", format!("{:.4}", found.unexplained));
+    table.pair("variance of the targets", format!("{:.3e}", found.target_variance));
     table
-}
-
-fn write(out: &mut dyn Write, contacts: &[Misplacement]) -> std::io::Result<()> {
-    writeln!(out, "touches,is_shared,signal,noise_m,radius_m,next_m,stated_m,error_m,newtons_per_strength")?;
-    for Misplacement { circumstances: c, touches, is_shared, stated_m, error_m, newtons_per_strength, .. } in contacts {
-        let next = if c.next_m.is_finite() { format!("{:?}", c.next_m) } else { String::new() };
-        write!(out, "{touches},{},{:?},{:?},{:?},", u8::from(*is_shared), c.signal, c.noise_m, c.radius_m)?;
-        writeln!(out, "{next},{stated_m:?},{error_m:?},{newtons_per_strength:?}")?;
-    }
-    Ok(())
 }

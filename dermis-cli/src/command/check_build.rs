@@ -1,7 +1,7 @@
 //! `dermis check-build`: whether a skin was built as designed.
 
 use crate::build_page::page;
-use crate::build_watch::{FRAMES, take_frames};
+use crate::build_watch::FRAMES;
 use crate::console::{Progress, known, notice_line, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::frames::{CURRENTS_HELP, divided};
@@ -105,7 +105,7 @@ impl Arguments {
         let mailbox = live.shared().subscribe(WAITING);
         let progress = Progress::new("reading frames", self.take);
         live.begin();
-        let frames = take_frames(&mailbox, self.take, PATIENCE, |event| match event {
+        let frames = mailbox.frames(self.take, PATIENCE, |event| match event {
             Event::Frame(_) => progress.step(),
             Event::Notice(notice) if notice.level == Severity::Error => {
                 eprintln!("{}", notice_line(notice.level, &notice.text));

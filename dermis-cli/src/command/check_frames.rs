@@ -1,6 +1,5 @@
 //! `dermis check-frames`: what is wrong with a recording.
 
-use crate::calibrated::Presses;
 use crate::check_page::page;
 use crate::console::{Progress, known, print, print_json};
 use crate::failure::Outcome;
@@ -12,8 +11,8 @@ use dermis::estimate::noise::ChannelNoise;
 use dermis::frame::write_frames;
 use dermis::skin::Skin;
 use dermis::text::counted;
-use dermis_calibrate::LabelFrame;
 use dermis_calibrate::checks::{Checked, Recording, check_recording, realigned};
+use dermis_calibrate::{LabelFrame, Presses};
 use dermis_plot::report::findings_text;
 use serde_json::json;
 use std::fmt::Write;

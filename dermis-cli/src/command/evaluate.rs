@@ -1,24 +1,23 @@
 //! `dermis evaluate`: detected contacts against true touches.
 
-use crate::calibrated::{CalibratedEvaluation, force_line, millimetres};
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::frames::FrameArguments;
 use crate::method::{DetectArguments, MethodArguments};
-use crate::press_report::{Estimate, EvaluatedPress, PressReport, ReportArguments, matched};
+use crate::press_report::{PressReport, ReportArguments};
 use crate::range::count;
-use crate::rows::Rows;
+use crate::rows::{Rows, chosen};
 use crate::skin;
 use clap::Args;
 use dermis::contact::Contact;
-use dermis::frame::{Differences, Frame, Truth, frames_after_last_touch, read_truth};
+use dermis::frame::{Differences, EvaluatedPress, Frame, Truth, frames_after_last_touch, read_truth};
+use dermis::geom::Point3;
 use dermis::geom::vector::{bounding_box, distance};
-use dermis::geom::{Point2, Point3};
 use dermis::skin::Skin;
+use dermis::stats::{ForceErrors, Summary};
 use dermis::text::counted;
-use dermis_calibrate::Pose;
-use dermis_sim::evaluate::{Aligned, Alignment, Score, score_contacts};
-use serde::Serialize;
+use dermis_calibrate::{Calibration, Pose, Presses};
+use dermis_sim::evaluate::{Aligned, Alignment, Score, matched_presses, score_contacts};
 use std::path::{Path, PathBuf};
 
 /// The arguments of `dermis evaluate`.
@@ -97,10 +96,27 @@ impl Arguments {
         // Refuses options that a calibration does not have.
         let method = self.method.prepare(skin, differences)?;
         self.detect.detector(skin, &method, &Differences::default())?;
-        let evaluation = CalibratedEvaluation::new(skin, folder, &differences.frames, &self.truth, self.rows.as_ref())?;
-        let (presses, pose) = (&evaluation.presses[..], evaluation.pose);
-        self.report.write(&PressReport { skin, method: method.label(), presses, pose })?;
-        evaluation.print(skin, folder, self.json)
+        let calibration = Calibration::load(folder, skin.design())?;
+        let frames = &differences.frames;
+        let presses = Presses::read(&self.truth, skin, frames.len())?;
+        let rows = chosen(self.rows.as_ref(), frames.len(), "--rows")?;
+        let (score, presses) = calibration.evaluate(skin, frames, &presses, &rows)?;
+        let pose = calibration.pose().copied();
+        self.report.write(&PressReport { skin, method: method.label(), presses: &presses, pose })?;
+        if self.json {
+            return print_json(&score);
+        }
+        print(&format!(
+            "{}: calibration in {}\n  presses             {}\n  localisation        {}\n  95 % regions        {:.1} % contain \
+             the true position\n  unlike the labels   {}\n{}",
+            skin.design().name,
+            folder.display(),
+            score.presses,
+            millimetres(&score.localisation_m),
+            100.0 * score.covered,
+            counted(score.unlike, "frame"),
+            score.force.map_or(String::new(), force_line),
+        ))
     }
 
     /// Scores any other method against touches on the skin.
@@ -108,28 +124,22 @@ impl Arguments {
         self.warn_of_frames_after(&truth);
         let method = self.method.prepare(skin, &differences)?;
         let detector = self.detect.detector(skin, &method, &differences)?;
-        let (rows, frames, truth) = self.chosen(differences.frames, truth)?;
+        let rows = chosen(self.rows.as_ref(), truth.len(), "--rows")?;
+        let frames: Vec<Frame> = rows.iter().map(|&row| differences.frames[row].clone()).collect();
+        let truth: Vec<Vec<Contact>> = rows.iter().map(|&row| truth[row].clone()).collect();
         let found = self.detect.in_each(&method, &detector, &frames, |image, contacts| (image, contacts))?;
         let (images, contacts): (Vec<_>, Vec<_>) = found.into_iter().unzip();
         let score = score_contacts(&images, &contacts, &truth, method.label(), method.alpha())?;
         let surface = skin.design().body.surface();
-        let of_frame =
-            |((row, touches), found): ((&usize, &Vec<Contact>), &Vec<Contact>)| matched(*row, touches, found, &surface);
-        let presses: Vec<EvaluatedPress> = rows.iter().zip(&truth).zip(&contacts).flat_map(of_frame).collect();
+        let presses: Vec<EvaluatedPress> = (rows.iter().zip(&truth).zip(&contacts))
+            .flat_map(|((&row, touches), found)| matched_presses(row, touches, found, &surface))
+            .collect();
         self.report.write(&PressReport { skin, method: method.label(), presses: &presses, pose: None })?;
         if self.json { print_json(&score) } else { print(&table(&skin.design().name, &score)) }
     }
 }
 
 impl Arguments {
-    /// The rows that are scored, their frames and their touches.
-    fn chosen(&self, frames: Vec<Frame>, truth: Vec<Vec<Contact>>) -> Outcome<Chosen> {
-        let Some(rows) = &self.rows else { return Ok(((0..frames.len()).collect(), frames, truth)) };
-        let rows = rows.of(frames.len()).map_err(|message| Failure::given(message, Some("choose other --rows")))?;
-        let (frames, truth) = rows.iter().map(|&row| (frames[row].clone(), truth[row].clone())).unzip();
-        Ok((rows.to_vec(), frames, truth))
-    }
-
     /// Warns about frames after the last true touch. A frame without a touch is valid, but at the end it usually
     /// indicates a counting error.
     fn warn_of_frames_after(&self, truth: &[Vec<Contact>]) {
@@ -157,17 +167,11 @@ impl Arguments {
         let align_by: Vec<usize> = (0..count).collect();
         let aligned = estimates.align(presses, &align_by).map_err(dermis_sim::Error::from)?;
         drop(progress);
-        let evaluated = aligned_presses(&aligned, presses);
+        let evaluated = aligned.evaluated(presses);
         let (method, pose) = (&aligned.score.method[..], Some(aligned_pose(&aligned.alignment)));
         self.report.write(&PressReport { skin, method, presses: &evaluated, pose })?;
         if self.json {
-            return print_json(&AlignedJson {
-                score: &aligned.score,
-                alignment: &aligned.alignment,
-                aligned_by: aligned.aligned_by,
-                left_out: &aligned.left_out,
-                cut_sd: aligned.limit_sd,
-            });
+            return print_json(&aligned);
         }
         print(&(table(&skin.design().name, &aligned.score) + &placement(&aligned)))
     }
@@ -208,40 +212,10 @@ impl Arguments {
 /// Presses are spread over at most this many times the size of the skin: its pose may be known roughly, not its scale.
 const MAX_SPREAD: f64 = 3.0;
 
-/// Numbers of rows, their frames and their touches.
-type Chosen = (Vec<usize>, Vec<Frame>, Vec<Vec<Contact>>);
-
-/// The presses that were scored after alignment, in the frame of the robot.
-fn aligned_presses(aligned: &Aligned, presses: &[Point3]) -> Vec<EvaluatedPress> {
-    let one = |&(row, truth_m, [x, y]): &(usize, Point2, Point2)| {
-        let at = |position_m: Point3| Contact::truth(position_m, [0.0, 0.0, 1.0], f64::NAN);
-        // The estimate is in the plane: the height is that of the press.
-        let contact = Contact { confidence: f64::NAN, ..at([x, y, presses[row][2]]) };
-        let error_m = (x - truth_m[0]).hypot(y - truth_m[1]);
-        EvaluatedPress { row, truth: at(presses[row]), estimate: Some(Estimate::new(contact, error_m)) }
-    };
-    aligned.places.iter().map(one).collect()
-}
-
 /// The pose of an alignment, without its scale.
 fn aligned_pose(alignment: &Alignment) -> Pose {
     let Alignment { centre_m: [x, y], rotation_rad, mirrored, .. } = *alignment;
     Pose { centre_m: [x, y, 0.0], rotation_rad, mirrored }
-}
-
-/// The score of aligned presses as JSON.
-#[derive(Serialize)]
-struct AlignedJson<'a> {
-    #[serde(flatten)]
-    score: &'a Score,
-    /// Pose of the skin in the frame of the presses.
-    alignment: &'a Alignment,
-    /// Number of presses that determined it.
-    aligned_by: usize,
-    /// Channels that were left out.
-    left_out: &'a [usize],
-    /// Outlier cut in standard deviations of the channel; `null` for no cut.
-    cut_sd: f64,
 }
 
 /// The pose of the skin, as text.
@@ -282,4 +256,19 @@ fn table(skin: &str, score: &Score) -> String {
         millimetres(&score.localisation_m),
         millimetres(&score.eq11_m),
     )
+}
+
+/// The line of a score that states the errors of forces.
+fn force_line(force: ForceErrors) -> String {
+    let ForceErrors { error, spread } = force;
+    format!("  force               {:.0} % mean error; estimate over truth spreads by {spread:.2}\n", 1e2 * error)
+}
+
+/// A summary of distances in mm.
+fn millimetres(summary: &Summary) -> String {
+    if summary.mean.is_nan() {
+        return "no value".into();
+    }
+    let [mean, sd, median, p95] = [summary.mean, summary.sd, summary.median, summary.p95].map(|value_m| 1e3 * value_m);
+    format!("{mean:.2} +- {sd:.2} mm, median {median:.2} mm, 95 % within {p95:.2} mm")
 }

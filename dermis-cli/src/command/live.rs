@@ -3,7 +3,7 @@
 use crate::build_watch::check_first_frames;
 use crate::console::{notice_line, on_interrupt};
 use crate::failure::{Failure, Outcome, check_folder};
-use crate::latency::Latencies;
+use crate::latency;
 use crate::method::METHOD_HELP;
 use crate::range::{Part, number, part, size};
 use crate::source::{PageArguments, SourceArguments};
@@ -20,7 +20,7 @@ use dermis_live::device::{Address, DeviceOptions};
 use dermis_live::recording::{Player, RecordingLimits, RecordingStatus};
 use dermis_live::sinks::viewer::Server;
 use dermis_live::sinks::{jsonl, watchdog};
-use dermis_live::{Control, Event, Live, LiveOptions, Popped};
+use dermis_live::{Control, Event, Live, LiveOptions, LiveStatistics, Popped};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -128,9 +128,9 @@ impl Arguments {
         };
         let control = Arc::new(self.source.control(&live, emulator.clone(), self.limits())?);
         let sinks = self.open(&control)?;
-        let counted = self.watch(&live, emulator.as_deref())?;
+        let (statistics, uncounted) = self.watch(&live, emulator.as_deref())?;
         let failure = self.close(live, emulator, &control, sinks)?;
-        counted.show(self.latency.as_deref(), self.json)?;
+        latency::show(&statistics, uncounted, self.latency.as_deref(), self.json)?;
         failure.map_or(Ok(()), Err)
     }
 
@@ -244,19 +244,19 @@ impl Arguments {
     }
 
     /// Shows notices and statistics until the end.
-    fn watch(&self, live: &Live, emulator: Option<&Emulator>) -> Outcome<Latencies> {
+    fn watch(&self, live: &Live, emulator: Option<&Emulator>) -> Outcome<(LiveStatistics, u64)> {
         let ended = Arc::new(AtomicBool::new(false));
         let end = Arc::clone(&ended);
         on_interrupt(move || end.store(true, Ordering::Relaxed))?;
         let mailbox = live.shared().subscribe(WAITING);
         live.begin();
-        let mut latencies = Latencies::new(Arc::clone(live.shared()));
+        let mut statistics = LiveStatistics::new(Arc::clone(live.shared()));
         let (begun, mut shown) = (Instant::now(), Instant::now());
         let line = crate::console::StatusLine::new();
         while !ended.load(Ordering::Relaxed) {
             match mailbox.take(Duration::from_millis(100)) {
-                Popped::Item(Event::Frame(frame)) => latencies.take(&frame),
-                Popped::Item(Event::Stale(frame)) => latencies.show_state(&frame),
+                Popped::Item(Event::Frame(frame)) => statistics.add(&frame),
+                Popped::Item(Event::Stale(frame)) => statistics.show_state(&frame),
                 Popped::Item(Event::Notice(notice)) => line.print(&notice_line(notice.level, &notice.text)),
                 Popped::Item(Event::Lost(why)) => line.print(&notice_line(Severity::Error, &why)),
                 Popped::Item(_) | Popped::TimedOut => {}
@@ -264,15 +264,14 @@ impl Arguments {
             }
             if shown.elapsed() > Duration::from_millis(200) {
                 shown = Instant::now();
-                line.show(&latencies.line());
+                line.show(&statistics.line());
             }
             let is_over = self.for_s.is_some_and(|for_s| begun.elapsed().as_secs_f64() >= for_s);
             if is_over || emulator.is_some_and(Emulator::has_failed) {
                 break;
             }
         }
-        latencies.missed = mailbox.dropped();
-        Ok(latencies)
+        Ok((statistics, mailbox.dropped()))
     }
 
     /// Stops everything in order, so that no recorded frame is lost. Returns why the input ended early, if it did.

@@ -110,44 +110,22 @@ pub enum Command {
     Man(shell::ManArguments),
 }
 
+macro_rules! run_each {
+    ($command:expr, $($name:ident)*) => {
+        match $command {
+            $(Command::$name(arguments) => arguments.run(),)*
+        }
+    };
+}
+
 impl Command {
     /// Runs the command.
     pub fn run(self) -> Outcome {
-        match self {
-            Command::Mesh(arguments) => arguments.run(),
-            Command::Forward(arguments) => arguments.run(),
-            Command::Jacobian(arguments) => arguments.run(),
-            Command::Reconstruct(arguments) => arguments.run(),
-            Command::Contacts(arguments) => arguments.run(),
-            Command::Evaluate(arguments) => arguments.run(),
-            Command::Benchmark(arguments) => arguments.run(),
-            Command::Bound(arguments) => arguments.run(),
-            Command::Optimise(arguments) => arguments.run(),
-            Command::Calibrate(arguments) => arguments.run(),
-            Command::CheckBuild(arguments) => arguments.run(),
-            Command::CheckFrames(arguments) => arguments.run(),
-            Command::CheckDevice(arguments) => arguments.run(),
-            Command::Fit(arguments) => arguments.run(),
-            Command::Characterise(arguments) => arguments.run(),
-            Command::Experiment(arguments) => arguments.run(),
-            Command::Export(arguments) => arguments.run(),
-            Command::Demo(arguments) => arguments.run(),
-            Command::Reproduce(arguments) => arguments.run(),
-            Command::Simulate(arguments) => arguments.run(),
-            Command::Train(arguments) => arguments.run(),
-            Command::Live(arguments) => arguments.run(),
-            Command::Emulate(arguments) => arguments.run(),
-            Command::FaultCampaign(arguments) => arguments.run(),
-            Command::Replay(arguments) => arguments.run(),
-            Command::Recover(arguments) => arguments.run(),
-            Command::Convert(arguments) => arguments.run(),
-            Command::ScanTable(arguments) => arguments.run(),
-            Command::Fabricate(arguments) => arguments.run(),
-            Command::New(arguments) => arguments.run(),
-            Command::Plot(arguments) => arguments.run(),
-            Command::Schema(arguments) => arguments.run(),
-            Command::Completions(arguments) => arguments.run(),
-            Command::Man(arguments) => arguments.run(),
-        }
+        run_each!(
+            self,
+            Mesh Forward Jacobian Reconstruct Contacts Evaluate Benchmark Bound Optimise Calibrate CheckBuild
+            CheckFrames CheckDevice Fit Characterise Experiment Export Demo Reproduce Simulate Train Live Emulate
+            FaultCampaign Replay Recover Convert ScanTable Fabricate New Plot Schema Completions Man
+        )
     }
 }

@@ -3,7 +3,7 @@
 use crate::failure::{Failure, Outcome};
 use crate::frames::{CurrentArguments, FrameArguments, PAIRED_HELP, of_each};
 use crate::method::MethodArguments;
-use crate::picture::PictureFormat;
+use crate::picture::{is_png, save};
 use crate::range::count;
 use clap::ValueEnum;
 use dermis::contact::Contact;
@@ -14,7 +14,7 @@ use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
 use dermis::reconstruct::Quantity;
 use dermis::skin::Skin;
-use dermis_plot::{Drawing, PlotError, Scene, View};
+use dermis_plot::{Drawing, Scene, View};
 use dermis_study::localisation_scene;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -93,7 +93,7 @@ impl Arguments {
             let fix = "leave --currents out, or name the frames with --frames";
             return Err(Failure::given("--currents belong to frames, and there are none", Some(fix)));
         }
-        let format = PictureFormat::of(&self.output)?;
+        is_png(&self.output)?;
         let design = SkinDesign::load(&self.design)?;
         let mesh = Mesh::generate(&design)?;
         let mut scene = self.scene(&design, &mesh)?;
@@ -101,8 +101,8 @@ impl Arguments {
             scene.title = format!("{}: {}", design.name, self.what_name());
         }
         let view = self.view(&design);
-        let picture = view.draw(&scene, &design).map_err(not_drawn)?;
-        format.save(&picture, &self.output)?;
+        let picture = view.draw(&scene, &design)?;
+        save(&picture, &self.output)?;
         crate::console::print(&format!("wrote {}\n", self.output.display()))
     }
 
@@ -245,10 +245,4 @@ fn read_images(path: &Path, design: &SkinDesign, mesh: &Mesh) -> Outcome<Vec<Ima
     let pick = |picture: &[f64]| space.position_in_grid.iter().map(|&position| picture[position]).collect();
     let image = |picture: &[f64]| Image { space: Arc::clone(&space), values: pick(picture) };
     Ok(values.chunks_exact(size.max(1)).map(image).collect())
-}
-
-/// The error of a picture that cannot be drawn.
-fn not_drawn(error: PlotError) -> Failure {
-    let fix = matches!(error, PlotError::NoFlatLayout).then_some("ask for the view in space: --view 3d");
-    Failure::given(error, fix)
 }

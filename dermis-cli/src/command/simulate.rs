@@ -5,17 +5,14 @@ use crate::failure::{Failure, Outcome};
 use crate::range::{count, number, seed};
 use clap::{Args, ValueEnum};
 use dermis::design::SkinDesign;
-use dermis::forward::ForwardModel;
-use dermis::mesh::Mesh;
 use dermis::text::counted;
 use dermis_sim::dataset::{
-    self, GaussianTouches, Generator, MAX_TOUCHES, Manifest, PatchTouches, Recipe, Record, Run, Shard, SkinSpread,
-    Skins, Touch,
+    self, GaussianTouches, MAX_TOUCHES, Manifest, PatchTouches, Recipe, Record, Shard, SkinSpread, Skins, Touch,
 };
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
-use std::time::Instant;
+use std::sync::OnceLock;
 
 /// More samples would not fit on any disk.
 const MAX_SAMPLES: u64 = 1_000_000_000_000_000;
@@ -176,46 +173,27 @@ impl Arguments {
         else {
             return Err(Failure::Ours("an argument is missing".into()));
         };
-        let text = SkinDesign::text_of(name)?;
-        let design = SkinDesign::parse(&text, name)?;
+        let design = SkinDesign::load(name)?;
         let recipe = match &self.recipe {
             Some(path) => Recipe::load(path, seed, samples)?,
             None => Recipe { seed, samples, touch: self.touch(&design)?, skins: self.skins()? },
         };
-        recipe.check(design.sheet.touch)?;
-        let waiting = Progress::waiting("meshing");
-        let forward = ForwardModel::new(&design, &Mesh::generate(&design)?)?;
-        drop(waiting);
-        let generator = Generator::new(&design, &forward, &recipe)?;
-        let record = Record::new(&generator, &design.name, &text);
         let shard = self.shard.map_or(Shard::WHOLE, |choice| choice.0);
-        let run = Run::new(&generator, &record, folder, shard)?;
-        let progress = Progress::with_rate("samples", run.missing_samples());
-        let begun = Instant::now();
-        let report = run.make(|count| {
-            progress.steps(count);
-            Ok::<_, Failure>(())
+        let progress = OnceLock::new();
+        let made = dataset::simulate(name, &recipe, folder, shard, |count, missing| {
+            progress.get_or_init(|| Progress::with_rate("samples", missing)).steps(count);
         })?;
         drop(progress);
-        let seconds = begun.elapsed().as_secs_f64();
-        let rate = if report.made_samples > 0 { report.made_samples as f64 / seconds } else { 0.0 };
         if self.json {
-            return print_json(&json!({
-                "folder": folder,
-                "made_samples": report.made_samples,
-                "made_files": report.made_files,
-                "found_files": report.found_files,
-                "file_count": record.file_count(),
-                "seconds": seconds,
-                "samples_per_second": rate,
-            }));
+            return print_json(&json!(made));
         }
         print(&format!(
-            "{}: {} samples in {}, {rate:.0} samples/s; {} existed already\n",
+            "{}: {} samples in {}, {:.0} samples/s; {} existed already\n",
             folder.display(),
-            report.made_samples,
-            counted(report.made_files, "file"),
-            counted(report.found_files, "file"),
+            made.report.made_samples,
+            counted(made.report.made_files, "file"),
+            made.samples_per_second,
+            counted(made.report.found_files, "file"),
         ))
     }
 

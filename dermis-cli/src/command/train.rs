@@ -4,28 +4,14 @@ use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
 use crate::range::{count, number, seed};
 use clap::{Args, ValueEnum};
-use dermis::design::SkinDesign;
-use dermis::forward::ForwardModel;
-use dermis::frame::write_whole;
-use dermis::image::PixelSpace;
-use dermis::mesh::Mesh;
-use dermis_learn::{Ablation, Epoch, LearnError, Model, Precision, Trainer, Training, TrainingData, TrainingPreset};
+use dermis_learn::{
+    Ablation, Epoch, LearnError, Model, NetworkPreset, Precision, SampleSource, Trainer, TrainingRun,
+    TrainingRunOptions,
+};
 use dermis_plot::Picture;
 use dermis_plot::chart::Curves;
-use dermis_sim::dataset::{Dataset, GaussianTouches, Recipe, SkinSpread, Skins, Touch};
-use dermis_sim::twin::{Twin, TwinOptions};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-
-/// Seed of the twin whose noise is measured; not used by any benchmark or selection.
-const NOISE_SEED: u64 = 3000;
-/// Number of untouched frames for the noise.
-const NOISE_FRAMES: u64 = 1000;
-
-/// Samples of a streamed epoch and of its test set.
-const STREAMED: usize = 100_000;
-const STREAMED_TEST: usize = 4096;
 
 /// The arguments of `dermis train`.
 #[derive(Debug, Args)]
@@ -133,81 +119,41 @@ struct Summary<'a> {
 impl Arguments {
     /// Trains or resumes training, and writes the model.
     pub fn run(self) -> Outcome {
-        let training = self.training()?;
         let waiting = Progress::waiting("preparing");
-        let mut trainer = training.trainer()?;
+        let run = TrainingRun::new(self.options()?)?;
+        let mut trainer = run.training().trainer()?;
         drop(waiting);
-        self.train(&mut trainer, training.preset().options.batch)?;
-        let model = training.model(trainer.input(), trainer.network(), trainer.epochs())?;
-        self.save(&model)?;
+        self.train(&mut trainer, run.training().preset().options.batch)?;
+        let model = run.save(trainer.input(), trainer.network(), trainer.epochs())?;
         self.print_summary(&model)
     }
 
     /// The training that the arguments describe.
-    pub fn training(&self) -> Outcome<Training> {
+    pub fn options(&self) -> Outcome<TrainingRunOptions> {
         if !self.without.is_empty() && self.network != NetworkName::Best {
             let message = "--without removes components of the best network, which other networks do not have";
             return Err(Failure::given(message, Some("add `--network best`")));
         }
-        let design = SkinDesign::load(&self.design)?;
-        let data = self.data(&design)?;
-        let _waiting = Progress::waiting("preparing");
-        let forward = ForwardModel::new(&design, &Mesh::generate(&design)?)?;
-        let pixels = Arc::new(PixelSpace::for_design(&design, forward.mesh())?);
-        let preset = self.preset(&design, &forward, &pixels)?;
-        Ok(Training::new(&design, &forward, pixels, preset, data)?)
-    }
-
-    /// The folder for the model.
-    pub fn output(&self) -> &Path {
-        &self.output
-    }
-
-    /// Writes the model of a trained network into the folder.
-    pub fn save(&self, model: &Model) -> Outcome {
-        Ok(model.save(&self.output, if self.half { Precision::Half } else { Precision::Single })?)
-    }
-
-    /// The preset with the options that were given.
-    fn preset(&self, design: &SkinDesign, forward: &ForwardModel, pixels: &PixelSpace) -> Outcome<TrainingPreset> {
-        let noise_ohm = || noise_ohm(design, &TwinOptions::load(&self.noise)?);
-        let mut preset = match self.network {
-            NetworkName::Paper => TrainingPreset::paper(forward.protocol(), pixels, noise_ohm()?),
-            NetworkName::PaperNormFirst => TrainingPreset::paper_norm_first(forward.protocol(), pixels, noise_ohm()?),
-            NetworkName::Best => {
-                let without: Vec<Ablation> = self.without.iter().map(|name| name.ablation()).collect();
-                TrainingPreset::best_without(&without, design, forward.protocol(), pixels, noise_ohm()?)
-            }
-            NetworkName::Shapes => TrainingPreset::shapes(forward.protocol(), pixels),
-        };
-        let options = &mut preset.options;
-        options.epochs = self.epochs.unwrap_or(options.epochs);
-        options.epoch_samples = self.epoch_samples.or(options.epoch_samples);
-        options.rate = self.rate.unwrap_or(options.rate);
-        options.seed = self.seed.unwrap_or(options.seed);
-        Ok(preset)
-    }
-
-    /// The datasets, or the recipes of streamed samples.
-    fn data(&self, design: &SkinDesign) -> Outcome<TrainingData> {
-        let Some(recipe) = &self.stream else {
-            let open =
-                |folders: &[PathBuf]| folders.iter().map(|folder| Dataset::open(folder)).collect::<Result<Vec<_>, _>>();
-            return Ok(TrainingData::Files { training: open(&self.data)?, test: open(&self.test)? });
-        };
-        let recipe = |seed: u64, samples: usize| -> Outcome<Recipe> {
-            let samples = samples as u64;
-            match recipe.to_str() {
-                Some("gaussian") => {
-                    let touch = Touch::Gaussian(GaussianTouches::for_effect(design.sheet.touch));
-                    Ok(Recipe { seed, samples, touch, skins: Skins::Random(SkinSpread::usual()) })
-                }
-                _ => Ok(Recipe::load(recipe, seed, samples)?),
-            }
-        };
-        let seed = 2 * self.seed.unwrap_or_default();
-        let training = recipe(seed, self.epoch_samples.unwrap_or(STREAMED))?;
-        Ok(TrainingData::Stream { recipes: Box::new([training, recipe(seed + 1, STREAMED_TEST)?]) })
+        Ok(TrainingRunOptions {
+            design: self.design.clone(),
+            samples: match &self.stream {
+                Some(recipe) => SampleSource::Stream(recipe.clone()),
+                None => SampleSource::Folders { training: self.data.clone(), test: self.test.clone() },
+            },
+            output: self.output.clone(),
+            network: match self.network {
+                NetworkName::Paper => NetworkPreset::Paper,
+                NetworkName::PaperNormFirst => NetworkPreset::PaperNormFirst,
+                NetworkName::Best => NetworkPreset::Best(self.without.iter().map(|name| name.ablation()).collect()),
+                NetworkName::Shapes => NetworkPreset::Shapes,
+            },
+            noise: self.noise.clone(),
+            epochs: self.epochs,
+            epoch_samples: self.epoch_samples,
+            rate: self.rate,
+            seed: self.seed,
+            precision: if self.half { Precision::Half } else { Precision::Single },
+        })
     }
 
     /// Trains epoch by epoch, with a checkpoint and a plot of the losses after each.
@@ -226,7 +172,7 @@ impl Arguments {
             })?;
             drop(progress);
             trainer.save(&checkpoint)?;
-            write_losses(&self.output, trainer.epochs())?;
+            losses(trainer.epochs()).write_svg(&self.output.join("losses.svg"))?;
             if !self.json {
                 let Epoch { training_loss, test_loss, seconds } = epoch;
                 let rate = (trainer.steps_per_epoch() * batch) as f64 / seconds;
@@ -262,14 +208,8 @@ impl Arguments {
     }
 }
 
-/// Writes the plot of the losses into a folder.
-pub fn write_losses(folder: &Path, epochs: &[Epoch]) -> Outcome {
-    let picture = losses(epochs);
-    Ok(write_whole(&folder.join("losses.svg"), |out| out.write_all(picture.to_svg().as_bytes()))?)
-}
-
 /// The losses against the epoch.
-fn losses(epochs: &[Epoch]) -> Picture {
+pub fn losses(epochs: &[Epoch]) -> Picture {
     let curve = |name: &str, of: fn(&Epoch) -> f64| {
         let place = |(number, epoch): (usize, &Epoch)| [number as f64 + 1.0, of(epoch)];
         (name.to_string(), epochs.iter().enumerate().map(place).collect::<Vec<_>>())
@@ -286,16 +226,4 @@ fn losses(epochs: &[Epoch]) -> Picture {
         curves,
     }
     .draw()
-}
-
-/// The standard deviation of each channel of a twin's untouched frames, ohm.
-fn noise_ohm(design: &SkinDesign, options: &TwinOptions) -> Outcome<Vec<f32>> {
-    let twin = Twin::new(design, options, NOISE_SEED)?;
-    let frames = (0..NOISE_FRAMES).map(|index| twin.frame(&[], index)).collect::<dermis_sim::Result<Vec<_>>>()?;
-    let mean = dermis::frame::mean(&frames).expect("there are frames");
-    let sd = |channel: usize| {
-        let square: f64 = frames.iter().map(|frame| (frame[channel] - mean[channel]).powi(2)).sum();
-        (square / (NOISE_FRAMES - 1) as f64).sqrt() as f32
-    };
-    Ok((0..mean.len()).map(sd).collect())
 }

@@ -4,12 +4,14 @@ mod adam;
 mod checkpoint;
 pub(crate) mod pass;
 mod preset;
+mod run;
 mod samples;
 mod source;
 mod symmetry;
 mod trainer;
 
 pub use preset::{Ablation, TrainingPreset};
+pub use run::{NetworkPreset, SampleSource, TrainingRun, TrainingRunOptions};
 pub use samples::{Augmentation, Samples};
 pub use source::{Files, Part, Source, Streamed};
 pub use symmetry::Symmetries;

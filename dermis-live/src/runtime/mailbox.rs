@@ -1,5 +1,7 @@
 //! Queues of limited length that keep the newest items.
 
+use super::Event;
+use dermis::frame::Frame;
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -106,6 +108,28 @@ impl<T> Mailbox<T> {
     fn lock(&self) -> MutexGuard<'_, State<T>> {
         // A queue is consistent between any two operations.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Mailbox<Event> {
+    /// The values of the next frames, ohm: fewer than `count` if none comes for the time `patience`, or the source ends.
+    /// `seen` is called with each event.
+    pub fn frames(&self, count: usize, patience: Duration, mut seen: impl FnMut(&Event)) -> Vec<Frame> {
+        let (mut frames, mut last) = (Vec::new(), Instant::now());
+        while frames.len() < count && last.elapsed() < patience {
+            match self.take(Duration::from_millis(100)) {
+                Popped::Item(event) => {
+                    seen(&event);
+                    if let Event::Frame(frame) = event {
+                        last = Instant::now();
+                        frames.push(Frame(frame.result.values_ohm.clone()));
+                    }
+                }
+                Popped::TimedOut => {}
+                Popped::Closed => break,
+            }
+        }
+        frames
     }
 }
 

@@ -27,11 +27,13 @@ mod limit;
 mod mailbox;
 mod notice_limit;
 mod pipeline_thread;
+mod statistics;
 
 pub use control::{ClientSession, Control, Pressable, RecordingOptions};
 pub use frame::LiveFrame;
 pub use handle::LiveHandle;
 pub use mailbox::{Mailbox, Popped};
+pub use statistics::{Latency, LiveStatistics, LiveSummary};
 
 pub(crate) use handle::WorkItem;
 pub(crate) use limit::RateLimit;

@@ -19,8 +19,13 @@
 //! ```
 
 mod detection;
+mod error;
+mod map;
 mod precision;
 mod separation;
+
+pub use error::BoundError;
+pub use map::{BoundMap, MapOptions, PlaceBounds, SkinBounds, Spread, map_bounds};
 
 use crate::noise::Noise;
 use crate::twin::{Press, TouchOptions, Twin, TwinError, TwinOptions};

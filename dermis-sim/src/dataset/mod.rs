@@ -3,7 +3,7 @@
 //! A [`Recipe`] contains the distributions of the samples; a [`Generator`] generates sample `i` from `(seed, i)` only,
 //! so that the bytes are the same for any number of threads and any split into [`Shard`]s on one instruction set.
 //! [`Run`] writes them to files of 8,192 samples, each written completely or not at all; [`finish`] reads them back,
-//! checks them and writes the [`Manifest`]. [`Generator::stream`] gives the same samples without files.
+//! checks them and writes the [`Manifest`]; [`simulate`] does all but the last. [`Generator::stream`] gives the same samples without files.
 //!
 //! `docs/datasets.md` describes the file format, for use without this library.
 //!
@@ -35,6 +35,7 @@ mod recipe;
 mod record;
 mod run;
 mod sample;
+mod simulate;
 mod skins;
 mod target;
 #[cfg(test)]
@@ -48,3 +49,4 @@ pub use recipe::{GaussianTouches, MAX_TOUCHES, PatchTouches, Recipe, SkinSpread,
 pub use record::{DesignRecord, MeshRecord, PixelRecord, Record, TensorRecord};
 pub use run::{Run, RunReport, Shard};
 pub use sample::{Sample, SampleTouch, TOUCH_COLUMNS, TouchKind, TouchRow};
+pub use simulate::{Simulated, simulate};

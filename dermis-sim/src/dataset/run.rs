@@ -6,6 +6,7 @@ use crate::dataset::generator::{Generator, Rows, UNIT, Worker};
 use crate::dataset::record::{FRAMES, IMAGES, REST, Record, TOUCHES, file_name};
 use crate::dataset::sample::TOUCH_COLUMNS;
 use rayon::prelude::*;
+use serde::Serialize;
 use std::fs::{File, TryLockError};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -46,7 +47,7 @@ impl Shard {
 }
 
 /// The result of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct RunReport {
     /// Number of generated samples.
     pub made_samples: u64,

@@ -1,6 +1,7 @@
 //! Assignment of contacts to true touches.
 
 use dermis::contact::{Contact, GATE_M};
+use dermis::frame::{EvaluatedPress, PressEstimate};
 use dermis::geom::Surface;
 use dermis::linalg::smallest_total;
 
@@ -34,4 +35,20 @@ pub fn match_contacts(touches: &[Contact], contacts: &[Contact], surface: &Surfa
     found.missed = (0..touches.len()).filter(|&touch| !touch_met[touch]).collect();
     found.false_positives = (0..contacts.len()).filter(|&contact| !contact_met[contact]).collect();
     found
+}
+
+/// The touches of a frame with the contacts that [`match_contacts`] finds for them; `row` is that of the frame.
+pub fn matched_presses(
+    row: usize,
+    touches: &[Contact],
+    contacts: &[Contact],
+    surface: &Surface,
+) -> Vec<EvaluatedPress> {
+    let pairs = match_contacts(touches, contacts, surface).pairs;
+    let press = |(touch, truth): (usize, &Contact)| {
+        let pair = pairs.iter().find(|pair| pair.0 == touch);
+        let estimate = pair.map(|&(_, contact, error_m)| PressEstimate::new(contacts[contact], error_m));
+        EvaluatedPress { row, truth: *truth, estimate }
+    };
+    touches.iter().enumerate().map(press).collect()
 }

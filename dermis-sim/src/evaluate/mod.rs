@@ -17,6 +17,7 @@
 mod align;
 mod benchmark;
 mod calibration_run;
+mod characterise;
 mod explained;
 mod matching;
 mod presses;
@@ -27,16 +28,19 @@ mod tests;
 
 pub use align::Alignment;
 pub use benchmark::{
-    Benchmark, BenchmarkBound, BenchmarkOptions, BenchmarkResult, Covered, DrawnSkin, FORCES_PER_POSITION,
-    FamiliesResult, FamilyScore, ForceScore, FourScore,
+    Benchmark, BenchmarkBound, BenchmarkOptions, BenchmarkResult, BenchmarkSummary, Covered, DrawnSkin,
+    FORCES_PER_POSITION, FamiliesResult, FamiliesSummary, FamilyScore, ForceScore, FourScore, benchmark,
+    benchmark_families,
 };
 pub use calibration_run::CalibrationRun;
+pub use characterise::{Characteristics, characterise};
 pub use explained::GainFit;
-pub use matching::{Match, match_contacts};
+pub use matching::{Match, match_contacts, matched_presses};
 pub use presses::{AlignMethod, AlignOptions, Aligned, PressEstimates, Screen};
-pub use score::{ForceErrors, Score, resolves_two, score, score_contacts};
+pub use score::{Score, resolves_two, score, score_contacts};
 pub use tank::{FoundObject, Material, TankObject, find_objects};
 
+use dermis::text::counted;
 use thiserror::Error;
 
 /// A score that cannot be computed.
@@ -77,6 +81,12 @@ pub enum EvaluateError {
         align: usize,
         /// Number of all presses.
         presses: usize,
+    },
+    /// Too few detected touches for a calibration of positions.
+    #[error("only {} matched with a touch: too few for a calibration", counted(*found, "contact"))]
+    TooFewFound {
+        /// Number of touches that were detected.
+        found: usize,
     },
     /// All electrodes of the skin as dead electrodes.
     #[error("{dead} dead electrodes leave none of {electrodes} that works: ask for fewer")]

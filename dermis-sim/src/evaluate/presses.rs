@@ -8,7 +8,7 @@ use dermis::contact::Contact;
 use dermis::design::TouchEffect;
 use dermis::detect::{Detector, whole_image_centroid};
 use dermis::forward::ForwardModel;
-use dermis::frame::{Frame, Screening};
+use dermis::frame::{EvaluatedPress, Frame, PressEstimate, Screening};
 use dermis::geom::vector::Point3;
 use dermis::geom::{Point2, Surface};
 use dermis::image::{Image, PixelSpace};
@@ -18,6 +18,7 @@ use rand::SeedableRng;
 use rand::seq::index::sample;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use serde::Serialize;
 use std::sync::Arc;
 
 /// The options among which the presses for alignment choose.
@@ -91,22 +92,38 @@ pub struct PressEstimates {
     candidates: Vec<Candidate>,
 }
 
-/// Presses scored after alignment.
-#[derive(Debug, Clone)]
+/// Presses scored after alignment; serialised to the JSON output of `dermis evaluate --align --json`.
+#[derive(Debug, Clone, Serialize)]
 pub struct Aligned {
+    /// The score of the other presses. Every press is scored, one without a contact by the centroid of the whole image:
+    /// `localisation_m` has no gate; misses and false_positives count contacts as in other scores.
+    #[serde(flatten)]
+    pub score: Score,
     /// The alignment of the skin.
     pub alignment: Alignment,
-    /// The limit of outliers, in robust standard deviations of their channel; infinite for no limit.
-    pub limit_sd: f64,
     /// Number of presses for alignment.
     pub aligned_by: usize,
     /// Excluded channels: those known to be broken, and those that disagree with their twins, or are `polarity_blind`.
     pub left_out: Vec<usize>,
-    /// The score of the other presses. Every press is scored, one without a contact by the centroid of the whole image:
-    /// `localisation_m` has no gate; misses and false_positives count contacts as in other scores.
-    pub score: Score,
+    /// The limit of outliers, in robust standard deviations of their channel; infinite (in JSON `null`) for no limit.
+    #[serde(rename = "cut_sd")]
+    pub limit_sd: f64,
     /// The presses scored: index, true position and estimated position, in the robot's frame.
+    #[serde(skip)]
     pub places: Vec<(usize, Point2, Point2)>,
+}
+
+impl Aligned {
+    /// The presses that were scored, of all presses, in the robot's frame. An estimate has the height of its press.
+    pub fn evaluated(&self, presses: &[Point3]) -> Vec<EvaluatedPress> {
+        let one = |&(row, truth_m, [x, y]): &(usize, Point2, Point2)| {
+            let at = |position_m: Point3| Contact::truth(position_m, [0.0, 0.0, 1.0], f64::NAN);
+            let contact = Contact { confidence: f64::NAN, ..at([x, y, presses[row][2]]) };
+            let estimate = PressEstimate::new(contact, (x - truth_m[0]).hypot(y - truth_m[1]));
+            EvaluatedPress { row, truth: at(presses[row]), estimate: Some(estimate) }
+        };
+        self.places.iter().map(one).collect()
+    }
 }
 
 impl PressEstimates {

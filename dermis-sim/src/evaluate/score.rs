@@ -6,7 +6,7 @@ use dermis::contact::Contact;
 use dermis::detect::{Detector, whole_image_centroid};
 use dermis::geom::Surface;
 use dermis::image::Image;
-use dermis::stats::{Summary, coefficient_of_variation, mean};
+use dermis::stats::{ForceErrors, Summary, coefficient_of_variation};
 use serde::Serialize;
 
 /// Scores of a method in an experiment; serialised to the JSON output of `dermis evaluate --json`.
@@ -34,23 +34,6 @@ pub struct Score {
     pub method: String,
     /// Its alpha, if it has one.
     pub alpha: Option<f64>,
-}
-
-/// Scores of forces, over all pairs of a touch and its contact.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct ForceErrors {
-    /// Mean of |estimate / truth - 1|.
-    pub error: f64,
-    /// Standard deviation over mean of estimate / truth.
-    pub spread: f64,
-}
-
-impl ForceErrors {
-    /// From the ratios of estimated and true forces; `None` without any.
-    pub fn of(ratios: &[f64]) -> Option<Self> {
-        let errors: Vec<f64> = ratios.iter().map(|ratio| (ratio - 1.0).abs()).collect();
-        (!ratios.is_empty()).then(|| ForceErrors { error: mean(&errors), spread: coefficient_of_variation(ratios) })
-    }
 }
 
 impl Score {

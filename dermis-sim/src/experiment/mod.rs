@@ -13,10 +13,12 @@
 //! assert_eq!((contacts[0].position_m, contacts[0].force_n), ([0.01, 0.02, 0.0], 2.0));
 //! ```
 
+mod files;
 mod objects;
 mod paper;
 mod presses;
 
+pub use files::{ExperimentSummary, SetSummary};
 pub use objects::{Family, Objects};
 pub use paper::{FOUR_APART_M, PaperExperiment, Sets, Sizes};
 use presses::MAX_DRAWS;

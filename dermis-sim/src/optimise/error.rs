@@ -1,6 +1,7 @@
 //! Errors of an optimisation.
 
 use dermis::geom::Point3;
+use std::path::PathBuf;
 use thiserror::Error;
 
 /// Why a design cannot be optimised.
@@ -66,6 +67,16 @@ pub enum OptimiseError {
         /// Readings of the whole protocol.
         most: usize,
     },
+    /// A file that is no state of this search.
+    #[error("{}: {why}", path.display())]
+    State {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        why: String,
+        /// What to do.
+        fix: &'static str,
+    },
     /// A place that no method can find.
     #[error(
         "no bound exists at {place_m:?} m: no current of the protocol reaches it, or too few readings change; check that \
@@ -75,4 +86,14 @@ pub enum OptimiseError {
         /// The place.
         place_m: Point3,
     },
+}
+
+impl OptimiseError {
+    /// What to do, where the message does not say it.
+    pub fn fix(&self) -> Option<&'static str> {
+        match self {
+            OptimiseError::State { fix, .. } => Some(fix),
+            _ => None,
+        }
+    }
 }

@@ -2,22 +2,8 @@
 //!
 //! A fast model of the bound of a press's position ([`bound`](crate::bound)) is searched by simulated annealing from many
 //! starts: the fields of currents from candidate places are computed once, and a layout's readings of a weak press follow
-//! from them. `docs/optimise.md` has the formulas. What comes out is a design file, to be judged by the exact bounds.
-//!
-//! ```no_run
-//! use dermis::design::SkinDesign;
-//! use dermis_sim::optimise::{OptimiseOptions, Optimiser, design_text};
-//! use dermis_sim::twin::TwinOptions;
-//!
-//! let text = SkinDesign::shipped_text("cylinder30").unwrap();
-//! let twin = TwinOptions::shipped("lab").unwrap();
-//! let optimiser = Optimiser::new(text, "cylinder30", &twin, &OptimiseOptions::default())?;
-//! let layouts = optimiser.layouts(20)?;
-//! let starts = [layouts.start(0)?, layouts.start(1)?];
-//! let best = if starts[0].objective_m < starts[1].objective_m { &starts[0] } else { &starts[1] };
-//! println!("{}", design_text(text, "cylinder30", "better20", &best.electrodes_m, None).unwrap());
-//! # Ok::<(), dermis_sim::Error>(())
-//! ```
+//! from them. `docs/optimise.md` has the formulas. What comes out is a design file, to be judged by the exact bounds:
+//! [`optimise`] does all of it; these are its steps.
 
 mod error;
 mod fields;
@@ -29,17 +15,19 @@ mod options;
 mod pattern;
 mod places;
 mod presses;
+mod run;
 mod search;
+mod state;
 #[cfg(test)]
 mod tests;
 mod text;
 mod touch;
 
 pub use error::OptimiseError;
-pub use judge::{Judgement, judge, with_noise_of};
-pub use options::{Objective, OptimiseOptions, Start};
+pub use judge::{Judgement, PlaceBound};
+pub use options::{Objective, OptimiseOptions};
 pub use places::{PlaceRules, Zone};
-pub use text::design_text;
+pub use run::{CurvePoint, JudgedDesign, Optimised, SearchOptions, optimise};
 
 use crate::bound::BoundOptions;
 use crate::random::sample_rng;
@@ -49,12 +37,15 @@ use dermis::geom::Point3;
 use dermis::protocol::Channel;
 use fields::Fields;
 use information::Readings;
+use judge::judge;
 use layout::Layout;
+use options::Start;
 use places::{Places, farthest_points};
 use presses::Presses;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use search::{Neighbourhood, Schedule, tour};
+use text::design_text;
 
 /// Candidates over the whole body, and around a layout.
 const CANDIDATES: usize = 800;
@@ -65,7 +56,7 @@ const REFINING: u64 = 1;
 
 /// The search for layouts on a body: what all numbers of electrodes share.
 #[derive(Debug)]
-pub struct Optimiser {
+struct Optimiser {
     options: OptimiseOptions,
     text: String,
     path: String,
@@ -79,10 +70,7 @@ pub struct Optimiser {
 impl Optimiser {
     /// Prepares the search from the text of a design: its body, its coat, the shape of its first electrode and its
     /// protocol are kept. `path` is that of the design's file.
-    ///
-    /// # Errors
-    /// A design that cannot be read or whose electrodes cannot be moved; rules that leave no place; a twin without noise.
-    pub fn new(text: &str, path: &str, twin: &TwinOptions, options: &OptimiseOptions) -> crate::Result<Self> {
+    fn new(text: &str, path: &str, twin: &TwinOptions, options: &OptimiseOptions) -> crate::Result<Self> {
         let given = SkinDesign::parse(text, path)?;
         let places = Places::new(&given, &options.rules)?;
         let presses = Presses::new(&given, &places, twin, &options.bound)?;
@@ -94,10 +82,7 @@ impl Optimiser {
     }
 
     /// The search for layouts of a number of electrodes.
-    ///
-    /// # Errors
-    /// More electrodes than fit on the body; a protocol that does not fit their number.
-    pub fn layouts(&self, electrode_count: usize) -> crate::Result<Layouts<'_>> {
+    fn layouts(&self, electrode_count: usize) -> crate::Result<Layouts<'_>> {
         let spread = self.places.fitting(electrode_count)?;
         let design =
             SkinDesign::parse(&design_text(&self.text, &self.path, &self.given.name, &spread, None)?, &self.path)?;
@@ -130,7 +115,7 @@ impl Optimiser {
 
 /// The search for layouts of a number of electrodes.
 #[derive(Debug)]
-pub struct Layouts<'a> {
+struct Layouts<'a> {
     shared: &'a Optimiser,
     electrode_count: usize,
     readings: Readings,
@@ -139,10 +124,7 @@ pub struct Layouts<'a> {
 impl Layouts<'_> {
     /// The layout of a start: annealed over the whole body, then on finer places around what was found. Start 0 begins at
     /// the given layout if it has as many electrodes, the others at random places.
-    ///
-    /// # Errors
-    /// A place that no reading locates.
-    pub fn start(&self, index: usize) -> crate::Result<Start> {
+    fn start(&self, index: usize) -> crate::Result<Start> {
         let Optimiser { options, given, coarse, presses, .. } = self.shared;
         let mut rng = sample_rng(options.seed, index as u64);
         let first = match index == 0 && given.electrodes.len() == self.electrode_count {
@@ -160,10 +142,7 @@ impl Layouts<'_> {
     /// A start improved in rounds: where the exact bound exceeds that of the fast model, presses count more in the next
     /// search near the layout. The exact bounds of the best of all are returned with it; `judged` is what to do after
     /// each round. Start 0 continues from the given layout if that has a better bound.
-    ///
-    /// # Errors
-    /// As [`start`](Self::start) and [`judge`].
-    pub fn refine(&self, start: Start, rounds: usize, mut judged: impl FnMut()) -> crate::Result<(Start, Judgement)> {
+    fn refine(&self, start: Start, rounds: usize, mut judged: impl FnMut()) -> crate::Result<(Start, Judgement)> {
         let Optimiser { options, text, path, given, twin, presses, .. } = self.shared;
         let exact = |start: &Start| {
             let text = design_text(text, path, &given.name, &start.electrodes_m, None)?;
@@ -184,8 +163,8 @@ impl Layouts<'_> {
         for _ in 0..rounds {
             let model = self.model_bounds(&next.0.electrodes_m)?;
             for (weight, (place_m, model_m)) in weights.iter_mut().zip(&model) {
-                let exact_m =
-                    next.1.places.iter().find(|(other, _)| other == place_m).map_or(*model_m, |place| place.1);
+                let exact = next.1.places.iter().find(|place| place.position_m == *place_m);
+                let exact_m = exact.map_or(*model_m, |place| place.sd_m);
                 *weight = weight.max((exact_m / model_m).clamp(1.0, MAX_WEIGHT));
             }
             next = judged_exactly(self.near(best.0.index, &best.0.electrodes_m, &weights, &mut rng)?)?;
@@ -198,10 +177,7 @@ impl Layouts<'_> {
     }
 
     /// The given layout, as the start 0, if it has as many electrodes and obeys the rules.
-    ///
-    /// # Errors
-    /// As [`model_bounds`](Self::model_bounds).
-    pub(crate) fn given(&self) -> crate::Result<Option<Start>> {
+    fn given(&self) -> crate::Result<Option<Start>> {
         let Optimiser { options, given, places, .. } = self.shared;
         if given.electrodes.len() != self.electrode_count || !places.allow_given {
             return Ok(None);
@@ -224,10 +200,7 @@ impl Layouts<'_> {
     }
 
     /// The bound of the fast model for electrodes at some places, m, at each place of its presses.
-    ///
-    /// # Errors
-    /// Electrodes off the body.
-    pub(crate) fn model_bounds(&self, electrodes_m: &[Point3]) -> crate::Result<Vec<(Point3, f64)>> {
+    fn model_bounds(&self, electrodes_m: &[Point3]) -> crate::Result<Vec<(Point3, f64)>> {
         let fields = self.fields(electrodes_m)?;
         let bounds_m = self.numbered(&fields, Objective::Mean).bounds_m();
         Ok(fields.presses().iter().map(|press| press.place_m).zip(bounds_m).collect())
@@ -287,16 +260,18 @@ impl Layouts<'_> {
     }
 }
 
+/// A number that JSON has.
+fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
 fn centres_m(design: &SkinDesign) -> Vec<Point3> {
     design.electrodes.iter().map(|electrode| electrode.centre_m).collect()
 }
 
 /// The readings of a design's protocol that are worth most for a number of readings, those of the currents included:
 /// channels in the protocol's order. `progress` is called with the share of the work that is done.
-///
-/// # Errors
-/// Fewer readings than unknowns, or more than the protocol has; a twin without noise; electrodes in groups of a file.
-pub fn select_readings(
+fn select_readings(
     design: &SkinDesign,
     twin: &TwinOptions,
     bound: &BoundOptions,

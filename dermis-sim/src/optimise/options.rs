@@ -55,11 +55,11 @@ impl Default for OptimiseOptions {
 
 /// The layout that a start ends at.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Start {
+pub(super) struct Start {
     /// Its index: it depends on this and the seed alone.
-    pub index: usize,
+    pub(super) index: usize,
     /// The objective in the fast model, m.
-    pub objective_m: f64,
+    pub(super) objective_m: f64,
     /// Centres of the electrodes in the order of their numbers, m.
-    pub electrodes_m: Vec<Point3>,
+    pub(super) electrodes_m: Vec<Point3>,
 }

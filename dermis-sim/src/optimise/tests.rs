@@ -1,3 +1,4 @@
+use super::judge::with_noise_of;
 use super::*;
 use crate::bound::Bounds;
 use crate::twin::TouchOptions;
@@ -119,9 +120,9 @@ fn a_pixel_under_an_electrode_has_no_bound_and_keeps_its_place() {
     let mut electrodes_m = centres_m(&given);
     electrodes_m[9] = pixels.centres_m[70];
     let judgement = judge(&moved(&electrodes_m), &twin(), &BoundOptions::default()).unwrap();
-    let places_m: Vec<Point3> = judgement.places.iter().map(|place| place.0).collect();
+    let places_m: Vec<Point3> = judgement.places.iter().map(|place| place.position_m).collect();
     assert_eq!(places_m, pixels.centres_m);
-    assert!(judgement.places[70].1.is_nan() && judgement.mean_m.is_finite());
+    assert!(judgement.places[70].sd_m.is_nan() && judgement.mean_m.is_finite());
 }
 
 #[test]

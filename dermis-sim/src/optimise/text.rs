@@ -10,10 +10,7 @@ use std::path::Path;
 ///
 /// `name` is the name of the new design; `table`, if there is one, the channel table of its pattern, relative to its
 /// folder. The files that the text carries stay; without them the path of a mesh file is made absolute.
-///
-/// # Errors
-/// A text that is no design.
-pub fn design_text(
+pub(super) fn design_text(
     text: &str,
     path: &str,
     name: &str,

@@ -69,14 +69,7 @@ impl Benchmarked {
         parts: &Parts<'_>,
         total: usize,
     ) -> Result<Self> {
-        let benchmark = Benchmark {
-            design: bench.skin.design(),
-            mesh: bench.skin.mesh(),
-            pixels: bench.skin.pixels(),
-            options: bench.twin,
-            method: method.method.reconstruct().as_ref(),
-            alpha: method.method.alpha(),
-        };
+        let benchmark = Benchmark::new(&bench.skin, &method.method, bench.twin);
         let size = scale.result();
         let frames = benchmark_frames(&size, bench.skin.pixels().len());
         let seeds = REPORTED_SEED..REPORTED_SEED + scale.twins();

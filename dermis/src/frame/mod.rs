@@ -8,6 +8,7 @@ mod lines;
 mod npy;
 #[cfg_attr(not(feature = "npz"), path = "no_npz.rs")]
 mod npz;
+mod presses;
 mod reciprocity;
 mod table;
 mod truth;
@@ -17,6 +18,7 @@ pub use currents::DriveCurrents;
 pub use differences::Differences;
 pub use lines::{FrameLine, FrameLines, LineError};
 pub use npy::npy_header;
+pub use presses::{EvaluatedPress, PressEstimate, write_presses};
 pub use reciprocity::{Screening, quantities, reciprocal};
 pub use table::{
     Table, read_array, read_conductivities, read_frames, read_frames_without, read_table, write_array, write_frames,

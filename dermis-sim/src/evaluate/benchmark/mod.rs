@@ -7,11 +7,13 @@ mod families;
 mod force;
 mod least_force;
 mod separation;
+mod summary;
 
 pub use bound::BenchmarkBound;
 pub use coverage::Covered;
 pub use families::{DrawnSkin, FamiliesResult, FamilyScore};
 pub use force::{FORCES_PER_POSITION, ForceScore};
+pub use summary::{BenchmarkSummary, FamiliesSummary, benchmark, benchmark_families};
 
 use crate::evaluate::score::score_contacts;
 use crate::evaluate::{EvaluateError, Score};
@@ -54,6 +56,15 @@ pub struct BenchmarkOptions {
 impl Default for BenchmarkOptions {
     fn default() -> Self {
         BenchmarkOptions { sizes: Sizes::default(), untouched: 20_000, force_step: 1, places: 50, dead_electrodes: 0 }
+    }
+}
+
+impl BenchmarkOptions {
+    /// A tenth of the frames.
+    pub fn quick() -> Self {
+        // 7 has no common divisor with the image sizes of the shipped skins, so that all columns are used.
+        let sizes = Sizes { grid_step: 7, random: 90, pairs: 20, fours: 50, ..Sizes::default() };
+        BenchmarkOptions { sizes, untouched: 2000, force_step: 7, places: 10, dead_electrodes: 0 }
     }
 }
 
