@@ -1,14 +1,12 @@
 //! Checks of recordings with one fault each, and of sound ones.
 
-mod recordings;
-
+use crate::recordings::{CYLINDER, DISK12, STRIP, Sound, press_positions, simulated};
 use dermis::finding::{Finding, FindingKind};
 use dermis::frame::{Frame, Truth, read_frames, read_truth};
 use dermis::geom::{PlaceLimits, Point3, Surface};
 use dermis::skin::Skin;
 use dermis_calibrate::checks::{Recording, check_recording, realigned};
 use dermis_calibrate::{Calibration, Label, LabelFrame};
-use recordings::{CYLINDER, DISK12, STRIP, Sound, press_positions, simulated};
 
 /// Presses on a disk with 12 electrodes.
 fn disk() -> Sound {
