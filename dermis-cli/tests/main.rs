@@ -2,7 +2,6 @@
 
 mod benchmark;
 mod bound;
-mod bounded;
 mod calibrate;
 mod check_build;
 mod check_frames;
@@ -13,8 +12,6 @@ mod fabricate;
 mod field_cases;
 mod fit;
 mod inputs;
-mod large_files;
-mod mutated_files;
 mod optimise;
 mod pages;
 mod plot_and_demo;
