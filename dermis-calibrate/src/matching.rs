@@ -7,7 +7,7 @@ use faer::Mat;
 use std::ops::Range;
 
 /// Labels with less [evidence] than this do not belong to their frames. The evidence of useless labels
-/// has a standard deviation of 1.56 (34 sets, `--test useless_labels`), not 1, since the maps of the folds share labels
+/// has a standard deviation of 1.56 (34 sets, `--test integration useless_labels::`), not 1, since the maps of the folds share labels
 /// (Bengio and Grandvalet, 2004, JMLR 5, 1089); three of these are needed.
 pub(crate) const MIN_EVIDENCE: f64 = 3.0 * 1.56;
 

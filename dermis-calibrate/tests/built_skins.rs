@@ -1,11 +1,9 @@
 //! How often the check of a built skin is right, on digital twins with one fault each.
 //!
-//! `cargo test --release -p dermis-calibrate --test built_skins -- --ignored --nocapture` prints the tables of
+//! `cargo test --release -p dermis-calibrate --test integration built_skins:: -- --ignored --nocapture` prints the tables of
 //! `docs/check-build.md`. The limits of the method were set on other seeds, 6001 to 6040.
 
-mod built;
-
-use built::{KINDS, checked, is_right};
+use crate::built::{KINDS, checked, is_right};
 use dermis::skin::Skin;
 use dermis_calibrate::build::BuildChecker;
 use rayon::prelude::*;

@@ -1,18 +1,19 @@
 //! Checks of recordings with one fault each, and of sound ones.
 
-mod recordings;
-
+use crate::recordings::{CYLINDER, DISK12, STRIP, Sound, press_positions, simulated};
 use dermis::finding::{Finding, FindingKind};
 use dermis::frame::{Frame, Truth, read_frames, read_truth};
 use dermis::geom::{PlaceLimits, Point3, Surface};
 use dermis::skin::Skin;
 use dermis_calibrate::checks::{Recording, check_recording, realigned};
 use dermis_calibrate::{Calibration, Label, LabelFrame};
-use recordings::{CYLINDER, DISK12, STRIP, Sound, press_positions, simulated};
+use std::sync::LazyLock;
 
-/// Presses on a disk with 12 electrodes.
+/// Presses on a disk with 12 electrodes, simulated once for all tests.
 fn disk() -> Sound {
-    simulated("disk", &Skin::parse(DISK12, "disk12.toml").unwrap(), 41, 240, 65.0, false)
+    static DISK: LazyLock<Sound> =
+        LazyLock::new(|| simulated("disk", &Skin::parse(DISK12, "disk12.toml").unwrap(), 41, 240, 65.0, false));
+    DISK.clone()
 }
 
 /// The only fault.

@@ -1,11 +1,10 @@
 //! Checks of recordings that were corrupted on purpose: late channels, another order, signs, dead channels.
 //!
-//! `cargo test --release -p dermis-calibrate --test corrupted_recordings -- --ignored --nocapture` prints the table of
+//! `cargo test --release -p dermis-calibrate --test integration corrupted_recordings:: -- --ignored --nocapture` prints the table of
 //! `docs/check-frames.md`. The corruptions follow from a seed; the method was developed on other seeds than those of
 //! the table.
 
-mod recordings;
-
+use crate::recordings::{DISK12, Sound, simulated};
 use dermis::finding::FindingKind;
 use dermis::frame::{Frame, read_frames};
 use dermis::skin::Skin;
@@ -15,7 +14,6 @@ use dermis_sim::random::{log_uniform, sample_rng};
 use dermis_sim::twin::TwinOptions;
 use rand::seq::SliceRandom;
 use rand::{Rng, RngExt};
-use recordings::{DISK12, Sound, simulated};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 

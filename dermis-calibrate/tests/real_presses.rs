@@ -1,6 +1,6 @@
 //! Calibration of two real membranes (16 electrodes, 2,500 presses by a robot each) with their own presses.
 //!
-//! `cargo test --release -p dermis-calibrate --test real_presses -- --ignored --nocapture` prints the table of
+//! `cargo test --release -p dermis-calibrate --test integration real_presses:: -- --ignored --nocapture` prints the table of
 //! `docs/calibration.md`. Skipped where the recordings are not there.
 
 use dermis::frame::{Frame, Truth, read_frames, read_truth};

@@ -1,6 +1,6 @@
 //! Several touches and forces from a calibration with single presses, on digital twins of a membrane.
 //!
-//! `cargo test --release -p dermis-calibrate --test several_touches -- --ignored --nocapture` prints the table of
+//! `cargo test --release -p dermis-calibrate --test integration several_touches:: -- --ignored --nocapture` prints the table of
 //! `docs/calibration.md`. The touches that are scored are never labels.
 
 use dermis::contact::{Contact, REGION_95_SD};

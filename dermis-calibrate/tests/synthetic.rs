@@ -11,6 +11,7 @@ use dermis_calibrate::{
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::sync::LazyLock;
 
 const PRESSES: usize = 160;
 
@@ -46,25 +47,41 @@ fn presses(seed: u64, count: usize) -> (Vec<Frame>, Vec<Label>) {
     (frames, labels)
 }
 
+/// A calibration with the first [`LABELS`] presses of a recording.
+struct Calibrated {
+    skin: Skin,
+    frames: Vec<Frame>,
+    labels: Vec<Label>,
+    calibration: Calibration,
+}
+
+const LABELS: usize = 100;
+
+/// Of tests that only read it: a fit takes seconds.
+static CALIBRATED: LazyLock<Calibrated> = LazyLock::new(|| {
+    let (skin, (frames, labels)) = (skin(), presses(1, PRESSES));
+    let calibration = Calibration::fit(&skin, &frames[..LABELS], &labels[..LABELS], LabelFrame::Skin).unwrap();
+    Calibrated { skin, frames, labels, calibration }
+});
+
 #[test]
 fn positions_are_found_and_survive_the_folder() {
-    let (skin, (frames, labels)) = (skin(), presses(1, PRESSES));
-    let calibration = Calibration::fit(&skin, &frames[..100], &labels[..100], LabelFrame::Skin).unwrap();
+    let Calibrated { skin, frames, labels, calibration } = &*CALIBRATED;
     assert!(calibration.lags().iter().all(|lag| *lag == 0), "{:?}", calibration.lags());
-    let located = calibration.locate(&frames, 0).unwrap();
-    let errors = labels[100..].iter().map(|label| distance(located[label.row].position_m, label.position_m));
-    let mean_m = errors.sum::<f64>() / (PRESSES - 100) as f64;
+    let located = calibration.locate(frames, 0).unwrap();
+    let errors = labels[LABELS..].iter().map(|label| distance(located[label.row].position_m, label.position_m));
+    let mean_m = errors.sum::<f64>() / (PRESSES - LABELS) as f64;
     assert!(mean_m < 1e-3, "{mean_m} m");
     let folder = tempfile::tempdir().unwrap();
     calibration.save(folder.path(), skin.design()).unwrap();
-    let again = Calibration::load(folder.path(), skin.design()).unwrap().locate(&frames, 0).unwrap();
+    let again = Calibration::load(folder.path(), skin.design()).unwrap().locate(frames, 0).unwrap();
     let moved = located.iter().zip(&again).map(|(a, b)| distance(a.position_m, b.position_m)).fold(0.0, f64::max);
     assert!(moved < 1e-9, "{moved} m");
     // As a method: a contact for a press, none for an untouched frame.
     let name = format!("{}/", folder.path().display());
     let method = Methods::linear()
         .with(Calibrations::of(Methods::linear()))
-        .method(&skin, &name, &MethodOptions::default())
+        .method(skin, &name, &MethodOptions::default())
         .unwrap();
     let detector = method.detector(&[], &skin.design().protocol).unwrap();
     let contacts = method.contacts(&frames[120], &detector).unwrap();
@@ -94,8 +111,8 @@ fn late_channels_are_found_and_moved() {
 
 #[test]
 fn frames_unlike_the_labels_are_marked() {
-    let (skin, (mut frames, labels)) = (skin(), presses(3, PRESSES));
-    let calibration = Calibration::fit(&skin, &frames[..100], &labels[..100], LabelFrame::Skin).unwrap();
+    let Calibrated { frames, calibration, .. } = &*CALIBRATED;
+    let mut frames = frames.clone();
     for channel in (0..192).step_by(2) {
         frames[130].0[channel] *= -1.0;
     }
@@ -132,8 +149,7 @@ fn labels_that_determine_nothing_are_refused() {
 
 #[test]
 fn folders_of_others_are_refused() {
-    let (skin, (frames, labels)) = (skin(), presses(5, PRESSES));
-    let calibration = Calibration::fit(&skin, &frames, &labels, LabelFrame::Skin).unwrap();
+    let Calibrated { skin, calibration, .. } = &*CALIBRATED;
     let folder = tempfile::tempdir().unwrap();
     calibration.save(folder.path(), skin.design()).unwrap();
     let error = |design: &SkinDesign| Calibration::load(folder.path(), design).unwrap_err().to_string();

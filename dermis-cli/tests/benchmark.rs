@@ -1,8 +1,6 @@
 //! `dermis benchmark` and `dermis characterise`, as scripts use them.
 
-mod workplace;
-
-use workplace::Workplace;
+use crate::workplace::Workplace;
 
 #[test]
 fn one_twin_is_assessed_alike_every_time() {

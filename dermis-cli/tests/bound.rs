@@ -1,8 +1,6 @@
 //! `dermis bound`, as scripts use it.
 
-mod workplace;
-
-use workplace::{DISK, Workplace};
+use crate::workplace::{DISK, Workplace};
 
 #[test]
 fn the_bounds_of_a_skin_are_told_in_a_table_and_in_files() {
@@ -24,7 +22,8 @@ fn the_bounds_of_a_skin_are_told_in_a_table_and_in_files() {
     for picture in ["map.svg", "force.svg", "far.svg", "curve.svg"] {
         assert!(std::fs::read_to_string(at.path(picture)).unwrap().starts_with("<svg"), "{picture}");
     }
-    assert!(at.good("bound disk.toml --twin ideal --noise 60").contains("position, standard deviation (mm)"));
+    let text = at.good("bound disk.toml --twin ideal --noise 60 --separation-step 20");
+    assert!(text.contains("position, standard deviation (mm)"), "{text}");
 }
 
 #[test]

@@ -1,10 +1,8 @@
 //! `dermis calibrate` and what its folder gives: evaluations press by press, their pictures, contacts in a robot's
 //! frame.
 
-mod workplace;
-
+use crate::workplace::{DISK, Workplace};
 use std::fmt::Write;
-use workplace::{DISK, Workplace};
 
 const PRESSES: usize = 60;
 const INPUT: &str = "disk.toml --frames frames.csv --baseline rest.csv";

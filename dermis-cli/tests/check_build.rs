@@ -1,8 +1,6 @@
 //! `dermis check-build`: findings, page, a device, and input that is refused.
 
-mod workplace;
-
-use workplace::Workplace;
+use crate::workplace::{self, Workplace};
 
 /// The untouched frame of the disk, in `rest.csv`.
 fn measured() -> (Workplace, Vec<f64>) {

@@ -1,9 +1,7 @@
 //! `dermis check-frames`: findings, page, mended recording, and input that is refused.
 
-mod workplace;
-
+use crate::workplace::{DISK, Workplace};
 use std::fmt::Write;
-use workplace::{DISK, Workplace};
 
 const PRESSES: usize = 90;
 

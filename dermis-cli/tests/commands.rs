@@ -1,9 +1,7 @@
 //! The commands, as scripts use them: shapes of results, exit codes, messages.
 
-mod workplace;
-
+use crate::workplace::{DISK, Workplace};
 use std::path::{Path, PathBuf};
-use workplace::{DISK, Workplace};
 
 const VALUES: usize = 40;
 

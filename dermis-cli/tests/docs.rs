@@ -1,9 +1,7 @@
 //! The documentation: tables with figures name their command, commands and links exist, printed output is correct.
 #![cfg(unix)]
 
-mod pages;
-
-use pages::{Page, Shell, Table, assert_cell, assert_shown, dermis, page, pages, root, spans};
+use crate::pages::{Page, Shell, Table, assert_cell, assert_shown, dermis, page, pages, root, spans};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -100,8 +98,11 @@ fn check_cargo(words: &[&str], tests: &BTreeSet<String>) -> Result<(), String> {
             "-p" => package = value().replace("dermis-bench", "bench"),
             "--features" | "--test-threads" => drop(value()),
             "--test" => {
-                let name = format!("{package}/tests/{}", value());
-                exists(&format!("{name}.rs")).or_else(|_| exists(&format!("{name}/main.rs")))?;
+                let entry = format!("[[test]]\nname = \"{}\"\n", value());
+                let manifest = fs::read_to_string(root().join(&package).join("Cargo.toml")).unwrap_or_default();
+                if !manifest.contains(&entry) {
+                    return Err(format!("the manifest of `{package}` has no {entry}"));
+                }
             }
             "--example" => {
                 let example = format!("{package}/examples/{}", value());
@@ -117,18 +118,20 @@ fn check_cargo(words: &[&str], tests: &BTreeSet<String>) -> Result<(), String> {
     exists(&package)
 }
 
-/// The names of all test functions.
+/// The names of all test functions, with their modules.
 fn test_names() -> BTreeSet<String> {
-    fn sources(folder: &Path, names: &mut BTreeSet<String>) {
+    fn sources(folder: &Path, module: &str, names: &mut BTreeSet<String>) {
         for entry in fs::read_dir(folder).expect("a folder of the repository") {
             let path = entry.expect("readable").path();
+            let stem = path.file_stem().and_then(|stem| stem.to_str()).expect("UTF-8");
+            let inner = if stem == "mod" { module.to_owned() } else { format!("{module}{stem}::") };
             if path.is_dir() {
-                sources(&path, names);
+                sources(&path, &inner, names);
             } else if path.extension().is_some_and(|extension| extension == "rs") {
                 let text = fs::read_to_string(&path).expect("a source file");
                 for after in text.split("#[test]").skip(1) {
                     let name = after.split("fn ").nth(1).and_then(|rest| rest.split('(').next());
-                    names.extend(name.map(str::to_owned));
+                    names.extend(name.map(|name| format!("{inner}{name}")));
                 }
             }
         }
@@ -137,7 +140,7 @@ fn test_names() -> BTreeSet<String> {
     for entry in fs::read_dir(root()).expect("the repository") {
         let path = entry.expect("readable").path();
         for folder in ["src", "tests"].map(|folder| path.join(folder)).iter().filter(|folder| folder.is_dir()) {
-            sources(folder, &mut names);
+            sources(folder, "", &mut names);
         }
     }
     assert!(names.len() > 300, "only {} tests found", names.len());

@@ -1,11 +1,9 @@
 //! Trained networks in other programs: the ONNX file in ONNX Runtime, the model folder in NumPy and PyTorch.
 
-mod workplace;
-
+use crate::workplace::Workplace;
 use dermis::frame::write_array;
 use std::path::Path;
 use std::process::Command;
-use workplace::Workplace;
 
 const FRAMES: usize = 5;
 

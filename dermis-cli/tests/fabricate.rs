@@ -1,9 +1,7 @@
 //! Folders for a workshop: their files, and what is refused.
 
-mod workplace;
-
+use crate::workplace::{DISK, Workplace};
 use serde_json::Value;
-use workplace::{DISK, Workplace};
 
 fn count(at: &Workplace) -> usize {
     std::fs::read_dir(at.folder()).unwrap().count()

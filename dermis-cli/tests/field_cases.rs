@@ -1,29 +1,7 @@
 //! Files and hands of users: each case is a folder whose README says what is right. Data without a stated licence lie beside the
 //! project or in `DERMIS_DATA`; without them the tests print that they were skipped.
 
-mod workplace;
-
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::process::Stdio;
-use workplace::Workplace;
-
-/// A working folder with the files of a case; `None` where the data are missing.
-fn case(name: &str) -> Option<Workplace> {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
-    let data = PathBuf::from(std::env::var("DERMIS_DATA").unwrap_or(beside.into()));
-    let folder = data.join("field_cases").join(name);
-    if !folder.is_dir() {
-        println!("skipped: there is no {} (DERMIS_DATA names the folder of the data)", folder.display());
-        return None;
-    }
-    let at = Workplace::empty();
-    for file in std::fs::read_dir(folder).unwrap() {
-        let file = file.unwrap().path();
-        std::fs::copy(&file, at.path(file.file_name().and_then(|name| name.to_str()).unwrap())).unwrap();
-    }
-    Some(at)
-}
+use crate::workplace::Workplace;
 
 /// The exit code and what a command says on both outputs, in one line.
 fn said(at: &Workplace, arguments: &str) -> (Option<i32>, String) {
@@ -50,7 +28,7 @@ fn contacts(at: &Workplace, arguments: &str) -> usize {
 
 #[test]
 fn one_untouched_row_gives_no_contacts_out_of_nothing() {
-    let Some(at) = case("01-single-baseline-false-contacts") else { return };
+    let Some(at) = Workplace::of_field_case("01-single-baseline-false-contacts") else { return };
     for baseline in ["u1.csv", "u20.csv"] {
         assert_eq!(contacts(&at, &format!("contacts disk.toml --frames v10.csv --baseline {baseline} -o c.csv")), 0);
     }
@@ -69,14 +47,14 @@ fn a_frame_of_a_million_touches_is_refused() {
 
 #[test]
 fn a_surface_that_lacks_triangles_is_named() {
-    let Some(at) = case("live-10-stl-half") else { return };
+    let Some(at) = Workplace::of_field_case("live-10-stl-half") else { return };
     let (code, text) = said(&at, "mesh d.toml -o x.vtu");
     assert!(code == Some(0) && text.contains("b.stl: the surface has") && text.contains("open edges"), "{text}");
 }
 
 #[test]
 fn amplitudes_in_a_signed_design_are_refused() {
-    let Some(at) = case("02-sign-wrong-silent") else { return };
+    let Some(at) = Workplace::of_field_case("02-sign-wrong-silent") else { return };
     refused(
         &at,
         "contacts disk.toml --frames absf.csv --baseline absb.csv -o c.csv",
@@ -86,7 +64,7 @@ fn amplitudes_in_a_signed_design_are_refused() {
 
 #[test]
 fn opposite_drives_and_measurements_are_said_to_be_ambiguous() {
-    let Some(at) = case("06-mirror-ambiguous-protocol") else { return };
+    let Some(at) = Workplace::of_field_case("06-mirror-ambiguous-protocol") else { return };
     for design in ["opps.toml", "oppa.toml"] {
         let commands = [
             format!("forward {design} -o b.csv"),
@@ -103,14 +81,14 @@ fn opposite_drives_and_measurements_are_said_to_be_ambiguous() {
 
 #[test]
 fn frames_of_another_size_than_their_baseline_are_refused() {
-    let Some(at) = case("07-frames-baseline-scale-mismatch") else { return };
+    let Some(at) = Workplace::of_field_case("07-frames-baseline-scale-mismatch") else { return };
     refused(&at, "contacts disk.toml --frames x10.csv --baseline base.csv -o c.csv", &["x10.csv", "0.109 times"]);
     refused(&at, "contacts u16.toml --frames ex_diff.csv --baseline ex_ref.csv --both-signs -o c.csv", &["ex_ref.csv"]);
 }
 
 #[test]
 fn a_finger_that_slides_is_not_late() {
-    let Some(at) = case("03-sliding-touch-late-false-alarm") else { return };
+    let Some(at) = Workplace::of_field_case("03-sliding-touch-late-false-alarm") else { return };
     for (frames, baseline) in [("circle_f.csv", "base.csv"), ("circle_50.csv", "base_50.csv")] {
         let (code, text) = said(&at, &format!("check-frames disk.toml --frames {frames} --baseline {baseline}"));
         assert!(code == Some(0) && !text.contains("late, channel"), "{frames}: {text}");
@@ -119,7 +97,7 @@ fn a_finger_that_slides_is_not_late() {
 
 #[test]
 fn noise_has_no_order() {
-    let Some(at) = case("04-order-from-noise") else { return };
+    let Some(at) = Workplace::of_field_case("04-order-from-noise") else { return };
     for input in ["noise.csv --difference", "rand_3.csv --difference --truth rand_true.csv"] {
         let (_, text) = said(&at, &format!("check-frames disk.toml --frames {input}"));
         assert!(!text.contains("order, channel"), "{input}: {text}");
@@ -128,7 +106,7 @@ fn noise_has_no_order() {
 
 #[test]
 fn labels_of_other_frames_give_no_calibration() {
-    let Some(at) = case("08-calibrate-useless-no-warning") else { return };
+    let Some(at) = Workplace::of_field_case("08-calibrate-useless-no-warning") else { return };
     let command = "calibrate taros32.toml --frames diff.csv --difference --truth xy.csv --labels 0..60 -o cal";
     let (code, text) = said(&at, command);
     assert!(code == Some(2) && text.contains("always guessing the same place"), "{code:?}: {text}");
@@ -139,7 +117,7 @@ fn labels_of_other_frames_give_no_calibration() {
 
 #[test]
 fn positions_in_millimetres_are_not_aligned() {
-    let Some(at) = case("09-evaluate-align-mm") else { return };
+    let Some(at) = Workplace::of_field_case("09-evaluate-align-mm") else { return };
     let input = "--frames rand_f.csv --baseline base.csv --truth rand_mm_nohdr.csv --align 50";
     let (code, text) = said(&at, &format!("evaluate disk.toml {input}"));
     assert!(code == Some(2) && text.contains("give x, y and z in metres"), "{code:?}: {text}");
@@ -147,7 +125,7 @@ fn positions_in_millimetres_are_not_aligned() {
 
 #[test]
 fn channels_at_driven_electrodes_are_no_faults() {
-    let Some(at) = case("11-driven-pair-channels-order") else { return };
+    let Some(at) = Workplace::of_field_case("11-driven-pair-channels-order") else { return };
     let (_, text) = said(&at, "check-frames iirc256.toml --frames iirc_rot_real.csv --baseline iirc_ref_real.csv");
     assert!(
         !["order, channel", "late, channel", "sign_turned", "dead"].iter().any(|kind| text.contains(kind)),
@@ -157,14 +135,14 @@ fn channels_at_driven_electrodes_are_no_faults() {
 
 #[test]
 fn a_disconnected_electrode_is_named() {
-    let Some(at) = case("15-dead-electrode-not-named") else { return };
+    let Some(at) = Workplace::of_field_case("15-dead-electrode-not-named") else { return };
     let (_, text) = said(&at, "check-frames disk.toml --frames dead_f.csv --baseline dead_b.csv");
     assert!(text.contains("open_electrode, electrode 5") && !text.contains("sign_turned"), "{text}");
 }
 
 #[test]
 fn one_damaged_bit_costs_one_chunk() {
-    let Some(at) = case("live-07-recover-one-bit") else { return };
+    let Some(at) = Workplace::of_field_case("live-07-recover-one-bit") else { return };
     let (code, text) = said(&at, "recover one-bit.mcap -o r.mcap");
     let frames: u64 = text.split(' ').nth(1).and_then(|number| number.parse().ok()).expect("a number of frames");
     assert!(code == Some(2) && frames >= 765 && text.contains("1 damaged part lost"), "{code:?}: {text}");
@@ -174,7 +152,7 @@ fn one_damaged_bit_costs_one_chunk() {
 
 #[test]
 fn normalised_differences_are_free_of_gains_and_units() {
-    let Some(at) = case("16-normalised-not-normalised") else { return };
+    let Some(at) = Workplace::of_field_case("16-normalised-not-normalised") else { return };
     let score = "evaluate disk.toml --frames gain_f.csv --baseline gain_b.csv --truth rand50.csv --method noser --json";
     let mean_m = |options: &str| {
         let score = at.json(&format!("{score} {options}"));
@@ -194,73 +172,15 @@ fn normalised_differences_are_free_of_gains_and_units() {
 
 #[test]
 fn noise_in_place_of_frames_is_refused() {
-    let Some(at) = case("live-09-check-frames-nonsense") else { return };
+    let Some(at) = Workplace::of_field_case("live-09-check-frames-nonsense") else { return };
     at.good("forward cylinder30 -o baseline.csv");
     let words = ["agrees with its baseline by", "same skin"];
     refused(&at, "contacts cylinder30 --frames noise.csv --baseline baseline.csv --method noser -o c.csv", &words);
 }
 
-/// The states of the frames of a live skin, and how many have contacts.
-fn lived(at: &Workplace, arguments: &str, input: Option<&Path>) -> (BTreeMap<String, usize>, usize, String) {
-    let mut command = at.command(&format!("live {arguments} --serve off --jsonl -"));
-    if let Some(path) = input {
-        command.stdin(Stdio::from(std::fs::File::open(path).unwrap()));
-    }
-    let output = command.output().unwrap();
-    let (mut states, mut touched) = (BTreeMap::new(), 0);
-    for line in String::from_utf8_lossy(&output.stdout).lines() {
-        let Ok(frame) = serde_json::from_str::<serde_json::Value>(line) else { continue };
-        let Some(state) = frame["validity"]["state"].as_str() else { continue };
-        let reason = frame["validity"]["reason"].as_str().unwrap_or_default();
-        *states.entry(format!("{state} {reason}").trim().to_string()).or_insert(0) += 1;
-        touched += usize::from(!frame["contacts"].as_array().unwrap().is_empty());
-    }
-    (states, touched, String::from_utf8_lossy(&output.stderr).into_owned())
-}
-
-#[test]
-fn a_touch_in_the_tare_blinds_no_place_and_leaves_no_false_contact() {
-    let Some(at) = case("live-01-touch-during-tare") else { return };
-    // Two presses of 1.5 s: 360 frames.
-    for (script, warning) in [
-        ("control", ""),
-        ("tap40ms", ""),
-        ("tap200ms", "no tare yet"),
-        ("half", "no tare yet"),
-        ("whole", "a touch has ended that was there at the tare"),
-    ] {
-        let (states, touched, said) =
-            lived(&at, &format!("cylinder30 --touch {script}.toml --method noser --for 9"), None);
-        assert!((340..=380).contains(&touched), "{script}: {touched} of 360 frames, {states:?}");
-        assert!(said.contains(warning), "{script}: {said}");
-    }
-}
-
-#[test]
-fn an_instrument_that_is_dead_or_frozen_is_never_ok() {
-    let Some(at) = case("live-02-dead-instrument-ok") else { return };
-    for fault in ["zeros", "gain:0", "freeze"] {
-        let arguments = format!("cylinder30 --method noser --for 3 --touch p10.toml --fault {fault}@0+60");
-        let (states, touched, said) = lived(&at, &arguments, None);
-        assert!(states.keys().eq(["invalid tare"]) && touched == 0, "{fault}: {states:?}");
-        assert!(said.contains("no tare: "), "{fault}: {said}");
-    }
-}
-
-#[test]
-fn a_touch_that_moves_is_no_noise() {
-    let Some(at) = case("05-live-moving-touch-invalid-noise") else { return };
-    for (design, rows) in [("disk.toml", "live_circ4.csv"), ("iirc.toml", "iirc_live_n.csv")] {
-        let (_, _, said) = lived(&at, &format!("{design} --source csv:- --rate 20"), Some(&at.path(rows)));
-        // Of the summary: a busy computer leaves lines out, not frames.
-        let count = said.lines().find_map(|line| line.strip_prefix("of them with contacts")?.trim().parse().ok());
-        assert!(count.is_some_and(|count: u64| count >= 90), "{design}: contacts in {count:?} of 99 frames\n{said}");
-    }
-}
-
 #[test]
 fn positions_one_row_off_are_named_in_noise() {
-    let Some(at) = case("14-truth-one-row-late-missed") else { return };
+    let Some(at) = Workplace::of_field_case("14-truth-one-row-late-missed") else { return };
     let command = "check-frames lor.toml --frames lor_diff.csv --difference --truth lor_rob.csv";
     let (_, text) = said(&at, command);
     assert!(text.contains("1 row before it in the truth"), "{text}");

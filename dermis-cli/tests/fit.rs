@@ -1,8 +1,6 @@
 //! Fitted designs, frames with gaps, frames without a baseline, and contacts of both signs.
 
-mod workplace;
-
-use workplace::{DISK, Workplace};
+use crate::workplace::{DISK, Workplace};
 
 /// Number of channels of the small skin with all pairs but the driven one.
 const VALUES: usize = 8 * 7;

@@ -1,11 +1,9 @@
 //! `dermis calibrate --live`: a guided session without a page, pressed by a script.
 
-mod workplace;
-
+use crate::workplace::Workplace;
 use dermis::skin::Skin;
 use dermis_calibrate::Places;
 use std::fmt::Write as _;
-use workplace::Workplace;
 
 const PRESSES: usize = 10;
 /// Time between two presses, s.

@@ -1,9 +1,7 @@
 //! Measured currents and noise of the channels, as instruments give them.
 
-mod workplace;
-
+use crate::workplace::Workplace;
 use dermis_sim::random::{sample_rng, standard_normal};
-use workplace::Workplace;
 
 /// A folder with `disk.toml`, `rest.csv`, and `ohm.csv` with two touched frames.
 fn recorded() -> Workplace {

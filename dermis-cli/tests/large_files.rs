@@ -1,13 +1,11 @@
 //! Files that would take more than 1 GiB of memory or 20 s are errors that name the limit.
 #![cfg(target_os = "linux")]
 
-mod bounded;
-mod workplace;
-
+use crate::bounded;
+use crate::workplace::{DISK, Workplace};
 use std::fmt::Write;
 use std::io::Write as _;
 use std::time::Duration;
-use workplace::{DISK, Workplace};
 
 const MAX_TIME: Duration = Duration::from_secs(20);
 

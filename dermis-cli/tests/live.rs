@@ -1,13 +1,11 @@
 //! `dermis live` and related commands with invalid input: exit code 2, and a message with the fix.
 
-mod workplace;
-
+use crate::workplace::{self, Workplace};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-use workplace::Workplace;
 
 /// The arguments of every run: a skin that is prepared quickly, without a page.
 const DISK: &str = "live disk.toml --serve off";

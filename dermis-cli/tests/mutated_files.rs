@@ -2,18 +2,17 @@
 //! succeeds, or refuses the file with exit code 2.
 #![cfg(target_os = "linux")]
 
-mod bounded;
 #[path = "../../fuzz/src/mutation.rs"]
 mod mutation;
-mod workplace;
 
+use crate::bounded;
+use crate::workplace::Workplace;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
-use workplace::Workplace;
 
 /// Files in the ordinary tests, and with `--ignored`. `DERMIS_MUTATED_FILES` sets another number for both.
 const FEW: usize = 200;

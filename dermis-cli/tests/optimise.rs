@@ -1,9 +1,7 @@
 //! `dermis optimise`, as scripts use it.
 
-mod workplace;
-
+use crate::workplace::{DISK, Workplace};
 use dermis::design::SkinDesign;
-use workplace::{DISK, Workplace};
 
 /// Discs on a disk, which may go anywhere.
 fn discs() -> String {

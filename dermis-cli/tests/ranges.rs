@@ -1,9 +1,7 @@
 //! Numbers of commands are checked when arguments are read: before any work, with the option, the value and the range.
 
-mod workplace;
-
+use crate::workplace::Workplace;
 use std::time::{Duration, Instant};
-use workplace::Workplace;
 
 /// Reading arguments takes milliseconds; the rest is for a busy machine.
 const SOON: Duration = Duration::from_secs(1);

@@ -1,9 +1,7 @@
 //! The commands of the README and of the tour work as described.
 #![cfg(unix)]
 
-mod pages;
-
-use pages::{Page, Shell, assert_shown, page};
+use crate::pages::{Page, Shell, assert_shown, page};
 
 /// The `sh` blocks that call `dermis`, in order.
 fn commands(page: &Page) -> Vec<&str> {

@@ -1,7 +1,6 @@
 //! `dermis live --source csv:...`: frames of an instrument that sends rows of values.
 
-mod workplace;
-
+use crate::workplace::{self, Workplace};
 use dermis::frame::Frame;
 use dermis::method::MethodSet;
 use dermis::pipeline::{FrameInput, Pipeline, Settings, Timestamp};
@@ -14,7 +13,6 @@ use std::io::Write;
 use std::net::TcpListener;
 use std::process::{Output, Stdio};
 use std::time::Duration;
-use workplace::Workplace;
 
 const TARE: u64 = 100;
 const RATE_HZ: f64 = 120.0;

@@ -1,8 +1,6 @@
 //! Shell completions and manual pages.
 
-mod workplace;
-
-use workplace::Workplace;
+use crate::workplace::Workplace;
 
 #[test]
 fn completions_of_every_shell_name_commands_and_options() {

@@ -1,10 +1,8 @@
 //! `dermis train`: a killed run continues with the same losses, and unsuitable inputs are rejected.
 
-mod workplace;
-
+use crate::workplace::{DISK, Workplace};
 use serde_json::Value;
 use std::time::{Duration, Instant};
-use workplace::{DISK, Workplace};
 
 /// A dataset of 1,200 samples in the folder `data`.
 fn with_data() -> Workplace {

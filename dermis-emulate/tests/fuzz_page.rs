@@ -1,10 +1,10 @@
 //! The fuzz target of page messages on seeded mutations of valid ones, while the skin is read: no panic, and frames
 //! continue.
 
-mod page;
 #[path = "../../fuzz/src/page.rs"]
 mod target;
 
+use crate::page;
 use dermis_live::{ClientSession, Event, Popped};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -1,7 +1,6 @@
 //! Many connections to the page that send nothing, or slowly: they are closed, and everything else continues.
 
-mod page;
-
+use crate::page;
 use dermis_emulate::emulator::{Fault, TimedFault};
 use dermis_live::sinks::jsonl::serve_lines;
 use dermis_live::sinks::viewer::{Server, ServerOptions};

@@ -1,8 +1,7 @@
 //! A recording that takes long to end: in a separate program, because the other tests of pages measure the memory of
 //! their process.
 
-mod page;
-
+use crate::page;
 use dermis::pipeline::Command;
 use dermis_live::Event;
 use dermis_live::sinks::viewer::{Server, ServerOptions};

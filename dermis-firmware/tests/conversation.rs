@@ -1,10 +1,8 @@
 //! The device in conversation: answers in the order of the requests, rates, tables, slow lines, unplugging.
 
-mod parts;
-
+use crate::parts::{FakeFrontEnd, FakeLink, FakeSystem, INSTRUMENT, MAX, SLOTS, counts, with_device};
 use dermis_firmware::{HardwareFault, Limits, Plan, Scanned, Scanner, SlotScanner, TimedSlot};
 use dermis_wire::{FaultCode, FrameFlags, ScanPart, Slot, Slots, ToDevice, ToHost, test_reading};
-use parts::{FakeFrontEnd, FakeLink, FakeSystem, INSTRUMENT, MAX, SLOTS, counts, with_device};
 use rand::{Rng, RngExt, SeedableRng};
 
 /// Short names of messages.

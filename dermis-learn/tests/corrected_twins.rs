@@ -1,6 +1,6 @@
 //! Correction of the shipped network `best` by presses on digital twins of the paper's skin.
 //!
-//! `cargo test --release -p dermis-learn --test corrected_twins -- --ignored --nocapture` prints the table of
+//! `cargo test --release -p dermis-learn --test integration corrected_twins:: -- --ignored --nocapture` prints the table of
 //! `docs/calibration.md`. The presses that are scored are never labels.
 
 use dermis::contact::Contact;

@@ -1,6 +1,6 @@
 //! Sound frames pass the checks on the way to contacts, wrong ones are named; few untouched frames give no false contacts. On
 //! digital twins, whose coat, electrodes and mesh the checks do not know. Run the long tests with
-//! `cargo test --release -p dermis-learn --test wrong_input -- --ignored --nocapture`.
+//! `cargo test --release -p dermis-learn --test integration wrong_input:: -- --ignored --nocapture`.
 
 use dermis::design::SkinDesign;
 use dermis::finding::{Finding, FindingKind};

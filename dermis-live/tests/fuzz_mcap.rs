@@ -1,10 +1,10 @@
 //! The fuzz target of recordings on seeded mutations of valid ones: bits flipped, bytes overwritten, lengths made
 //! extreme, pieces cut, doubled and moved. No panic, and no allocation for a size that a file only claims.
 
-mod synthetic;
 #[path = "../../fuzz/src/recording.rs"]
 mod target;
 
+use crate::synthetic;
 use dermis_live::recording::{Event, Recorder, Recording, Session};
 use dermis_live::sinks::ros2::{self as ros, Message};
 use rand::{RngExt, SeedableRng};

@@ -1,8 +1,7 @@
 //! Kills a recording program (SIGKILL): at most one second is lost, and the rest is always recovered. `DERMIS_KILLS`
 //! sets the number of runs.
 
-mod synthetic;
-
+use crate::synthetic;
 use dermis_live::recording::{Recorded, Recorder, Recording, Session, recover};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -35,7 +34,7 @@ fn lost_s(seed: u64, folder: &Path) -> f64 {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let [path, whole] = ["cut", "whole"].map(|name| folder.join(format!("{seed}-{name}.mcap")));
     let mut child = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "records_until_it_is_killed"])
+        .args(["--exact", "killed::records_until_it_is_killed"])
         .env(INTO, &path)
         .stdout(Stdio::null())
         .spawn()

@@ -1,7 +1,6 @@
 //! A recording of an earlier version of the program replays to its contacts (`data/README.md`).
 
-mod synthetic;
-
+use crate::synthetic;
 use dermis_live::recording::{Recorder, Replay, Replayed, Session, convert, recover};
 use dermis_sim::random::sample_rng;
 use rand::RngExt;

@@ -3,20 +3,17 @@
 //! They are installed into a virtual environment under `target/`, at the versions in `python/requirements.txt`. If that
 //! is not possible, the tests print a message and pass, unless `DERMIS_REQUIRE_PYTHON` is set.
 
-mod interpreter;
-mod synthetic;
-
+use crate::interpreter::{self, run};
+use crate::synthetic::{self, SyntheticSkin};
 use dermis::contact::Contact;
 use dermis::pipeline::TrackedContact;
 use dermis_live::LiveFrame;
 use dermis_live::recording::{Event, Recorder, Session};
 use dermis_live::sinks::ros2::Reference;
-use interpreter::run;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
-use synthetic::SyntheticSkin;
 
 const FRAMES: u64 = 300;
 

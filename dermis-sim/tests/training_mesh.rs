@@ -1,7 +1,7 @@
 //! Checks that the default mesh is fine enough for training: differences of frames compared with a mesh with edges a
 //! quarter as long.
 //!
-//! `cargo test --release -p dermis-sim --test training_mesh -- --ignored --nocapture` prints the results.
+//! `cargo test --release -p dermis-sim --test integration training_mesh:: -- --ignored --nocapture` prints the results.
 
 use dermis::design::{Electrode, SkinDesign};
 use dermis::forward::ForwardModel;

@@ -1,14 +1,12 @@
 //! The default mesh of the paper's skin: its size and shape, and its voltages compared with a finer mesh (edges a
 //! quarter as long).
 
-mod reference;
-
+use crate::reference::relative_difference;
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::frame::Frame;
 use dermis::geom::vector::{dot, norm, sub};
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
-use reference::relative_difference;
 use std::f64::consts::PI;
 
 fn triangles(mesh: &Mesh) -> &[[usize; 3]] {

@@ -1,12 +1,10 @@
 //! Generated meshes of the unit disk against the exact disk: 30 arcs that cover half of its rim.
 
-mod reference;
-
+use crate::reference::{path, relative_difference, table};
 use dermis::design::{Body, Electrode, ElectrodeShape, ImageLayout, MeshOptions, SkinDesign};
 use dermis::forward::ForwardModel;
 use dermis::mesh::Mesh;
 use dermis::protocol::{Channel, Protocol};
-use reference::{path, relative_difference, table};
 use std::f64::consts::{PI, TAU};
 
 /// The disk of `data/reference/disk30_5k`: contact impedance 0.01 ohm m, sheet conductance 1 S.

@@ -1,14 +1,12 @@
 //! Contact impedances and conductance of independent programs' frames and of a real tank.
 
-mod reference;
-
+use crate::reference::Reference;
 use dermis::design::{
     Body, Electrode, ElectrodeShape, ImageLayout, MeshOptions, Sheet, SheetKind, SkinDesign, TouchEffect,
 };
 use dermis::fit::{Contacts, Determination, FitOptions, fit};
 use dermis::frame::{Frame, read_frames};
 use dermis::mesh::Mesh;
-use reference::Reference;
 use std::path::Path;
 
 /// The disk of the reference, with a wrong conductance and wrong contact impedances.

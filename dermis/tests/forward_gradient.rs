@@ -1,7 +1,6 @@
 //! Gradients in reverse mode against the Jacobian, and against central differences of the plain solver.
 
-mod shapes;
-
+use crate::shapes;
 use dermis::design::SkinDesign;
 use dermis::forward::{ForwardModel, Gradient};
 use dermis::geom::Point3;

@@ -1,14 +1,11 @@
 //! The forward model against exact solutions, conservation laws and its own derivative.
 
-mod reference;
-mod shapes;
-
+use crate::reference::{Reference, relative_difference};
+use crate::shapes::{block, polar, polar_cells, polar_rim, strip};
 use dermis::forward::{ElectrodeNetwork, ForwardError, ForwardModel};
 use dermis::geom::vector::{cross, dot, norm, scale};
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use dermis::protocol::{Channel, Protocol};
-use reference::{Reference, relative_difference};
-use shapes::{block, polar, polar_cells, polar_rim, strip};
 use std::f64::consts::{PI, TAU};
 
 /// Tolerance for laws that hold in exact arithmetic.

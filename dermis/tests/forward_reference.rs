@@ -1,8 +1,6 @@
 //! Voltages and Jacobians compared with independent programs.
 
-mod reference;
-
-use reference::{Reference, matrix_of, relative_difference, table};
+use crate::reference::{Reference, matrix_of, relative_difference, table};
 
 /// Voltages agree to rounding: the same mesh, the same elements, another program.
 const VOLTAGES: f64 = 1e-9;

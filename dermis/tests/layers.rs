@@ -311,3 +311,34 @@ fn read_manifest(path: &Path) -> toml::Table {
     let text = fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     text.parse().unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
+
+/// The roots of test programs that a manifest names: files of `tests/`, without their extension.
+fn test_programs(manifest: &str) -> Vec<&str> {
+    manifest.lines().filter_map(|line| line.strip_prefix("path = \"tests/")?.strip_suffix(".rs\"")).collect()
+}
+
+/// Cargo looks for no tests itself (`autotests = false`): a file that no program declares would never run.
+#[test]
+fn every_test_file_belongs_to_one_test_program() {
+    let mut files = 0;
+    for folder in fs::read_dir(workspace_root()).unwrap().map(|entry| entry.unwrap().path()) {
+        let (tests, manifest) = (folder.join("tests"), folder.join("Cargo.toml"));
+        let Ok(manifest) = fs::read_to_string(manifest) else { continue };
+        let programs = test_programs(&manifest);
+        if !tests.is_dir() || !manifest.contains("autotests = false") {
+            continue;
+        }
+        let roots: Vec<String> =
+            programs.iter().map(|program| fs::read_to_string(tests.join(format!("{program}.rs"))).unwrap()).collect();
+        for file in fs::read_dir(&tests).unwrap().map(|entry| entry.unwrap().path()) {
+            let stem = file.file_stem().unwrap().to_str().unwrap();
+            let has_tests = file.extension().is_some_and(|extension| extension == "rs") && !programs.contains(&stem);
+            if has_tests {
+                let declared = roots.iter().filter(|root| root.contains(&format!("mod {stem};\n"))).count();
+                assert_eq!(declared, 1, "{}: a test program must declare it, and only one", file.display());
+                files += 1;
+            }
+        }
+    }
+    assert!(files > 50, "only {files} files of tests found");
+}

@@ -1,7 +1,6 @@
 //! Mesh files: Gmsh's own examples, round trips, and invalid files.
 
-mod shapes;
-
+use crate::shapes;
 use dermis::design::SkinDesign;
 use dermis::image::{Image, PixelSpace};
 use dermis::mesh::export::CellField;

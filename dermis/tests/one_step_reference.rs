@@ -1,11 +1,9 @@
 //! One-step images and noise figures compared with an independent program.
 
-mod reference;
-
+use crate::reference::{Reference, relative_difference};
 use dermis::geom::Surface;
 use dermis::image::PixelSpace;
 use dermis::reconstruct::{Alpha, Difference, Linearised, OneStep, OneStepOptions, Prior, Reconstruct, noise_figure};
-use reference::{Reference, relative_difference};
 use std::sync::Arc;
 
 /// Our own Jacobian and the same formula: only rounding errors differ.

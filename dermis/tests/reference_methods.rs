@@ -1,7 +1,6 @@
 //! The methods for comparison - Gauss-Newton, total variation, GREIT - against an independent program's results.
 
-mod reference;
-
+use crate::reference::Reference;
 use dermis::design::{Body, ImageLayout, MeshOptions, Sheet, SkinDesign, TouchEffect};
 use dermis::frame::Frame;
 use dermis::geom::Surface;
@@ -10,7 +9,6 @@ use dermis::reconstruct::{
     Alpha, GaussNewton, GaussNewtonOptions, Greit, GreitOptions, Linearised, OneStepOptions, Prior, Reconstruct,
     TotalVariation, TotalVariationOptions, Unknowns, figures_of_merit,
 };
-use reference::Reference;
 use std::sync::Arc;
 
 fn norm(values: &[f64]) -> f64 {

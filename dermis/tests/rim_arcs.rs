@@ -1,15 +1,12 @@
 //! Arcs on the rim of a disk against the boundary integral of the complete electrode model.
 
-mod disk_arcs;
-mod reference;
-
+use crate::disk_arcs::DiskArcs;
+use crate::reference::{path, relative_difference, table};
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::mesh::Mesh;
 use dermis::mesh::quality::MeshReport;
 use dermis::protocol::Channel;
-use disk_arcs::DiskArcs;
-use reference::{path, relative_difference, table};
 use std::f64::consts::{PI, TAU};
 
 /// `K` by the arithmetic-geometric mean, from the complementary modulus (DLMF 19.8.5).

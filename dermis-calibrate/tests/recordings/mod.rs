@@ -1,8 +1,5 @@
 //! Sound recordings: simulated presses with noise.
 
-// Every test program compiles its own copy and uses a part of it.
-#![allow(dead_code)]
-
 use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::skin::Skin;

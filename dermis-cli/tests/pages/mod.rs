@@ -1,8 +1,5 @@
 //! The pages of the documentation, their blocks and tables, and a shell to run their commands.
 
-// Every test program compiles its own copy and uses a part of it.
-#![allow(dead_code)]
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

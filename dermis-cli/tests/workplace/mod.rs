@@ -47,6 +47,23 @@ impl Workplace {
         Workplace { folder: tempfile::tempdir().unwrap() }
     }
 
+    /// A folder with the files of a case of the field; `None` where the data are missing.
+    pub fn of_field_case(name: &str) -> Option<Self> {
+        let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
+        let data = PathBuf::from(std::env::var("DERMIS_DATA").unwrap_or(beside.into()));
+        let folder = data.join("field_cases").join(name);
+        if !folder.is_dir() {
+            println!("skipped: there is no {} (DERMIS_DATA names the folder of the data)", folder.display());
+            return None;
+        }
+        let at = Workplace::empty();
+        for file in std::fs::read_dir(folder).unwrap() {
+            let file = file.unwrap().path();
+            std::fs::copy(&file, at.path(file.file_name().and_then(|name| name.to_str()).unwrap())).unwrap();
+        }
+        Some(at)
+    }
+
     pub fn folder(&self) -> &Path {
         self.folder.path()
     }

@@ -7,7 +7,7 @@ use dermis_emulate::emulator::{Emulator, EmulatorOptions, Script, TimedFault};
 use dermis_live::{Control, Live, LiveOptions, RecordingOptions};
 use dermis_sim::twin::TwinOptions;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// A skin being read; recordings are written to a folder.
 pub fn live(folder: &Path) -> (Live, Arc<Control>) {
@@ -17,7 +17,9 @@ pub fn live(folder: &Path) -> (Live, Arc<Control>) {
 
 /// The same with a device that has faults, and the device.
 pub fn live_with(folder: &Path, faults: Vec<TimedFault>) -> (Live, Arc<Control>, Arc<Emulator>) {
-    let methods = MethodSet::new(&dermis_learn::methods(), Skin::load("skin16").unwrap(), None).unwrap();
+    static METHODS: OnceLock<Arc<MethodSet>> = OnceLock::new();
+    let prepare = || MethodSet::new(&dermis_learn::methods(), Skin::load("skin16").unwrap(), None).unwrap();
+    let methods = METHODS.get_or_init(|| Arc::new(prepare()));
     let options = EmulatorOptions {
         twin: TwinOptions::shipped("lab").unwrap(),
         seed: 1,
@@ -30,7 +32,7 @@ pub fn live_with(folder: &Path, faults: Vec<TimedFault>) -> (Live, Arc<Control>,
     let emulator = Emulator::new(methods.skin().design(), options).unwrap();
     let address = emulator.serve_locally().unwrap();
     let options = LiveOptions { address, device: Default::default(), settings: Settings::default(), state: None };
-    let live = Live::start(Arc::new(methods), options).unwrap();
+    let live = Live::start(Arc::clone(methods), options).unwrap();
     live.begin();
     let tapes = RecordingOptions { folder: folder.into(), ..Default::default() };
     let control = Arc::new(Control::new(Arc::clone(live.shared()), Some(emulator.clone()), "emulator".into(), tapes));

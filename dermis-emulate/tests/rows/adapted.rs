@@ -1,7 +1,7 @@
 //! A method that depends on the untouched skin: adapted by a job after the tare, while frames are processed without it.
 
-use crate::bench::{Bench, TARE, along, lab, methods, place, stroke, surface_distance};
-use crate::gaps::until;
+use crate::rows::bench::{Bench, TARE, along, lab, methods, place, stroke, surface_distance};
+use crate::rows::gaps::until;
 use dermis::method::Methods;
 use dermis::pipeline::{Command, Pipeline, PipelineFrame, Settings, State};
 use dermis_emulate::emulator::Stroke;

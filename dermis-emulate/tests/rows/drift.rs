@@ -1,6 +1,6 @@
 //! Drift of all values under a touch of ten minutes.
 
-use crate::bench::{Bench, TARE, lab, place, stroke};
+use crate::rows::bench::{Bench, TARE, lab, place, stroke};
 use dermis::pipeline::Settings;
 
 /// Frames per second: the time matters, not the number of frames.

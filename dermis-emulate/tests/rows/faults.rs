@@ -1,7 +1,7 @@
 //! The pipeline during faults of the instrument and after them.
 
-use crate::bench::{Bench, lab, place, stroke};
-use crate::gaps::until;
+use crate::rows::bench::{Bench, lab, place, stroke};
+use crate::rows::gaps::until;
 use dermis::pipeline::{InvalidReason, PipelineFrame, Settings, Validity};
 
 /// Asserts that frames say that nothing touches.

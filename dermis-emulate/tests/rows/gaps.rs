@@ -1,6 +1,6 @@
 //! The pipeline after a gap in the frames, after another tare, and with an electrode that is open from the start.
 
-use crate::bench::{Bench, along, lab, methods, place, stroke, surface_distance};
+use crate::rows::bench::{Bench, along, lab, methods, place, stroke, surface_distance};
 use dermis::pipeline::PipelineFrame;
 use dermis::pipeline::{Command, ElectrodeState, Pipeline, Settings, State};
 use dermis_emulate::emulator::Stroke;

@@ -1,6 +1,6 @@
 //! Damaged frames in transit: only the damaged frame is lost, and the contacts of all others do not change.
 
-use crate::bench::{Bench, TARE, lab, place, stroke};
+use crate::rows::bench::{Bench, TARE, lab, place, stroke};
 use dermis::pipeline::PipelineFrame;
 use dermis::pipeline::Settings;
 use dermis_emulate::emulator::Stroke;

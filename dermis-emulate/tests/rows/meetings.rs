@@ -1,6 +1,6 @@
 //! Two contacts so close to each other that the image shows one.
 
-use crate::bench::{Bench, along, lab, place, stroke, surface_distance};
+use crate::rows::bench::{Bench, along, lab, place, stroke, surface_distance};
 use dermis::pipeline::Settings;
 use dermis_emulate::emulator::{Place, Stroke};
 use dermis_sim::random::sample_rng;

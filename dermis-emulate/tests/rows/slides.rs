@@ -1,6 +1,6 @@
 //! Touches that move fast, and light ones, against the same frames one by one.
 
-use crate::bench::{Bench, TARE, along, methods, place, stroke, surface_distance};
+use crate::rows::bench::{Bench, TARE, along, methods, place, stroke, surface_distance};
 use dermis::frame::{Differences, Frame};
 use dermis::pipeline::{Settings, TrackedContact};
 use dermis_emulate::emulator::{Place, Stroke};

@@ -1,6 +1,6 @@
 //! Touches and faults of the instrument during the tare.
 
-use crate::bench::{Bench, along, lab, place, stroke, surface_distance};
+use crate::rows::bench::{Bench, along, lab, place, stroke, surface_distance};
 use dermis::pipeline::{InvalidReason, PipelineFrame, Settings, Validity};
 use dermis_emulate::emulator::{Place, Stroke};
 use dermis_sim::random::sample_rng;

@@ -1,6 +1,6 @@
 //! Thresholds of the whole skin and of zones, set at the start and changed while it is read.
 
-use crate::bench::{Bench, along, lab, place, stroke};
+use crate::rows::bench::{Bench, along, lab, place, stroke};
 use dermis::pipeline::PipelineFrame;
 use dermis::pipeline::{Command, Settings, Zone};
 use dermis_emulate::emulator::{Place, Stroke};

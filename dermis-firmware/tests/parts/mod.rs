@@ -1,7 +1,5 @@
 //! The parts of a board for tests: a line, a clock, and a front end that checks its order of operations.
 
-#![allow(dead_code, reason = "not every test uses every part")]
-
 use dermis_firmware::{Device, FrontEnd, Gain, Gone, Instrument, Limits, Link, Memory, Settling, System, TimedSlot};
 use dermis_wire::{Decoder, Received, Slot, ToDevice, ToHost, packet_bytes};
 use std::collections::VecDeque;

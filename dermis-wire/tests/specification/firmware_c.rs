@@ -1,6 +1,6 @@
 //! The C implementation, written from the specification, and this crate agree on the same bytes.
 
-use crate::vectors::{Message, written};
+use crate::specification::vectors::{Message, written};
 use dermis_wire::{Decoder, Fault, Frame, Hello, Received, ScanPart, Status, ToDevice, ToHost};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

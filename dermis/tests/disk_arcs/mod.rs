@@ -1,5 +1,4 @@
 //! The complete electrode model of a uniform disk with equal, evenly spaced arcs on its rim, by a boundary integral.
-#![allow(dead_code, reason = "every test binary uses a part of it")]
 
 use std::f64::consts::{PI, TAU};
 

@@ -1,5 +1,4 @@
 //! Reference meshes and numbers from independent programs (see `data/README.md`).
-#![allow(dead_code, reason = "every test binary uses a part of it")]
 
 use dermis::forward::{ForwardModel, Matrix};
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};

@@ -1,5 +1,4 @@
 //! Small structured meshes with known answers.
-#![allow(dead_code, reason = "every test binary uses a part of it")]
 
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use std::f64::consts::TAU;

@@ -1,5 +1,5 @@
 //! Requirements of the pipeline, tested without a connection between device and host and at full speed. Run the long
-//! tests with `cargo test --release -p dermis-emulate --test rows -- --ignored --nocapture`.
+//! tests with `cargo test --release -p dermis-emulate --test integration rows:: -- --ignored --nocapture`.
 
 mod adapted;
 mod bench;

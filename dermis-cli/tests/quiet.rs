@@ -1,0 +1,12 @@
+//! Tests whose result depends on the clock: devices, frames in time, waits, limits of time. `./check` runs them when nothing
+//! else runs.
+
+mod bounded;
+mod field_cases_live;
+mod guided;
+mod large_files;
+mod live;
+mod mutated_files;
+mod ranges;
+mod rows;
+mod workplace;
