@@ -14,6 +14,7 @@ use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::protocol::Protocol;
 use dermis::skin::Skin;
+use dermis::stats::upper_median;
 
 /// Fewest labelled presses.
 pub const MIN_LABELS: usize = 8;
@@ -29,6 +30,15 @@ pub struct Label {
     pub position_m: Point3,
     /// Its force, N; `NaN` if it is not known.
     pub force_n: f64,
+}
+
+/// Gives positions on a flat skin, in the frame of a robot that pressed along its z, one z: the median. How deep a robot
+/// presses is no position on the skin.
+pub(crate) fn flatten<'a>(positions_m: impl IntoIterator<Item = &'a mut Point3>) {
+    let mut heights_m: Vec<&mut f64> = positions_m.into_iter().map(|[_, _, z]| z).collect();
+    let values: Vec<f64> = heights_m.iter().map(|z| **z).collect();
+    let Some(median_m) = upper_median(&values) else { return };
+    heights_m.iter_mut().for_each(|z| **z = median_m);
 }
 
 /// The coordinate frame of labels.
@@ -87,9 +97,13 @@ impl Calibration {
         if frame == LabelFrame::Skin {
             check_positions(skin, labels)?;
         }
+        let mut labels = labels.to_vec();
         let region = &match frame {
             LabelFrame::Skin => Region::of_skin(skin)?,
-            LabelFrame::Robot => Region::around_labels(skin, labels)?,
+            LabelFrame::Robot => {
+                flatten(labels.iter_mut().map(|label| &mut label.position_m));
+                Region::around_labels(skin, &labels)?
+            }
         };
         let units = ChannelUnits::of(frames);
         if units.varying_count() == 0 {
@@ -101,15 +115,15 @@ impl Calibration {
         let measured = realignment.apply(&recorded);
         let setup =
             Setup { region: region.clone(), untouched: realignment.complete(units.untouched()), strength: None };
-        let (locator, validation) = fit_locator(&measured, labels, setup)?;
+        let (locator, validation) = fit_locator(&measured, &labels, setup)?;
         let pose = match frame {
             LabelFrame::Skin => None,
             LabelFrame::Robot => {
                 let frames: Vec<&[f64]> = labels.iter().map(|label| measured[label.row].as_slice()).collect();
-                Some(Pose::estimate(skin, &frames, labels, region.middle_m())?.0)
+                Some(Pose::estimate(skin, &frames, &labels, region.middle_m())?.0)
             }
         };
-        let quality = validation.quality(labels, locator.force_law());
+        let quality = validation.quality(&labels, locator.force_law());
         Ok(Calibration { units, realignment, locator, misfit_limit: UNLIKE * validation.usual_misfit(), quality, pose })
     }
 

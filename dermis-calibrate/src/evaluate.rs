@@ -1,5 +1,6 @@
 //! Measured presses, and the score of a calibration against them.
 
+use crate::calibration::flatten;
 use crate::{CalibrateError, Calibration, Label, LabelFrame, Located};
 use dermis::contact::Contact;
 use dermis::frame::{EvaluatedPress, Frame, PressEstimate, Truth, read_truth};
@@ -28,7 +29,8 @@ impl Presses {
         let limits = skin.mesh().place_limits(skin.design().body.surface());
         let path = path.to_path_buf();
         match read_truth(&path, &limits, frame_count).map_err(CalibrateError::Table)? {
-            Truth::Elsewhere { positions_m, forces_n } => {
+            Truth::Elsewhere { mut positions_m, forces_n } => {
+                flatten(&mut positions_m);
                 Ok(Presses { path, positions_m, forces_n, frame: LabelFrame::Robot })
             }
             Truth::OnSkin(frames) => {

@@ -284,7 +284,10 @@ impl Arguments {
     /// Rejects a design that differs from that of the dataset.
     fn check_design(&self, folder: &Path) -> Outcome {
         match &self.design {
-            Some(name) => Ok(Record::read(folder)?.check_design(folder, &SkinDesign::text_of(name)?)?),
+            Some(name) => {
+                let text = SkinDesign::with_files(&SkinDesign::text_of(name)?, name)?;
+                Ok(Record::read(folder)?.check_design(folder, &text)?)
+            }
             None => Ok(()),
         }
     }

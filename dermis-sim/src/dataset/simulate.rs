@@ -48,7 +48,7 @@ pub fn simulate(
     shard: Shard,
     progress: impl Fn(u64, u64) + Sync,
 ) -> crate::Result<Simulated> {
-    let text = SkinDesign::text_of(design)?;
+    let text = SkinDesign::with_files(&SkinDesign::text_of(design)?, design)?;
     let design = SkinDesign::parse(&text, design)?;
     recipe.check(design.sheet.touch)?;
     let forward = ForwardModel::new(&design, &Mesh::generate(&design)?)?;
