@@ -11,7 +11,7 @@ pub(super) struct Rows {
     pub(crate) rows: Vec<(usize, Vec<f64>)>,
 }
 
-/// Reads rows of numbers, separated by semicolons (then with decimal points or commas), by commas, or by white space. Empty
+/// Reads rows of numbers, separated by semicolons (then with decimal points or commas), by commas, by tabs, or by spaces. Empty
 /// lines, comments and a separator at the end of every row are skipped.
 ///
 /// The first row is a header if none of its fields is a number, if its first field is not a number and the others
@@ -81,7 +81,8 @@ const MAX_COLUMNS: usize = 10_000_000;
 fn check_size(text: &str, separator: char) -> Result<(), String> {
     let mut values = 0;
     for line in text.lines() {
-        let columns = 1 + line.bytes().filter(|&byte| byte == separator as u8).count();
+        let is_separator = |byte: &u8| if separator == ' ' { byte.is_ascii_whitespace() } else { *byte == separator as u8 };
+        let columns = 1 + line.as_bytes().iter().filter(|byte| is_separator(byte)).count();
         if columns > MAX_COLUMNS {
             return Err(format!("a line has {columns} values: at most {MAX_COLUMNS} are read"));
         }

@@ -115,6 +115,12 @@ impl FrameLines {
         if self.skips_header(text, separator) {
             return Vec::new();
         }
+        // Instruments that print a separator after every value.
+        let fields = csv::split(text, separator).len();
+        let text = match text.strip_suffix(separator) {
+            Some(text) if fields > self.channel_count => text,
+            _ => text,
+        };
         let row = csv::numbers(text, separator, false).map_err(|(column, message)| self.error(column, message));
         let taken = match row.and_then(|row| self.checked(row)) {
             Ok(row) => self.frames(row),

@@ -5,6 +5,7 @@ use crate::frame::write_whole;
 use crate::frame::lines::ColumnName;
 use crate::frame::{Frame, TableError, arrangement, csv, npy, npz};
 use crate::protocol::Protocol;
+use crate::stats::upper_median;
 use std::path::Path;
 
 /// Rows of numbers, all of the same length.
@@ -70,25 +71,39 @@ fn with_columns(mut table: Table, path: &Path, columns: usize, what: &str) -> Re
 }
 
 /// Drops the first column if it contains row numbers or times: by its name, by counting from 0 or 1, or without a name by
-/// increasing. Any other increasing first column is an error.
+/// rising steadily, where the last column does not. Any other rising first column is an error.
 fn drop_first_column(table: &mut Table, path: &Path, what: &str) -> Result<(), TableError> {
     let first: Vec<f64> = table.rows.iter().map(|row| row[0]).collect();
     let name = table.header.as_ref().filter(|header| header.len() == table.rows[0].len()).and_then(|header| header.first());
-    let is_increasing = first.len() > 1 && first.is_sorted_by(|a, b| a < b);
     let is_named = name.is_some_and(|name| ColumnName::of(name) != ColumnName::Other);
-    if is_named || csv::counts(first.iter().copied()) || (name.is_none() && is_increasing) {
+    let last: Vec<f64> = table.rows.iter().filter_map(|row| row.last().copied()).collect();
+    if is_named || csv::counts(first.iter().copied()) || (name.is_none() && are_times(&first) && !are_times(&last)) {
         table.rows.iter_mut().for_each(|row| _ = row.remove(0));
         table.header.iter_mut().for_each(|header| _ = header.remove(0));
         return Ok(());
     }
-    if let Some(name) = name.filter(|_| is_increasing) {
+    if first.is_sorted_by(|a, b| a < b) {
+        let name = name.map(|name| format!(" `{name}`")).unwrap_or_default();
         let message = format!(
-            "the column `{name}` rises from row to row, as times do, and {what} have {} values: call it time_s, or remove it",
+            "{what} have {} values, and the row has one more: if the first column{name} has times, call it time_s in a header; \
+             if not, remove what is no channel",
             table.rows[0].len() - 1
         );
         return Err(TableError::Cell { path: path.to_path_buf(), row: table.file_rows[0], column: Some(1), message });
     }
     Ok(())
+}
+
+/// Fewer values may rise by chance.
+const MIN_TIMES: usize = 5;
+/// Largest step of times over the median step. Noise and drift have steps of both signs and of any size.
+const MAX_STEP: f64 = 3.0;
+
+/// Whether the values of a column without a name are times: they rise in steps of about the same length.
+fn are_times(values: &[f64]) -> bool {
+    let steps: Vec<f64> = values.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let Some(median) = upper_median(&steps).filter(|_| values.len() >= MIN_TIMES) else { return false };
+    steps.iter().all(|&step| step > 0.0 && step <= MAX_STEP * median)
 }
 
 /// [`read_rows`] from bytes; the rows may differ in length.
@@ -157,8 +172,8 @@ fn count_error(path: &Path, row: usize, got: usize, expected: usize, what: &str)
 /// Reads frames (or differences of frames) of a protocol, ohm, one per row.
 ///
 /// A header, and a first column of frame numbers or times, are dropped. Frames may also be columns, a row for each channel; or
-/// have one drive in each row, so that an array is frames x drives x measures; or they have a value of every neighbouring pair
-/// of electrodes for every drive, driven ones included, of which the protocol's channels are taken.
+/// have one drive in each row, so that an array is frames x drives x measures; or they have the voltages between all
+/// neighbouring electrodes for every drive, whose sum is zero, of which the protocol's channels are taken.
 ///
 /// # Errors
 /// As [`read_table`]; rows that do not have a value for every channel; a value that is missing, `NaN` or infinite; rows that

@@ -73,11 +73,11 @@ fn headers_that_count_and_row_numbers_are_no_values() {
         format!("{}\n{}\n", a.replace(',', ";"), b.replace(',', ";").replace("13", "13,0")),
         // As boards write them: comments, empty lines, white space, a separator at the end, times.
         format!("# a board\n\n{a}\n\n# again\n{b}\n"),
-        format!("{}\n{}\n", a.replace(',', " "), b.replace(',', "\t")),
+        format!("{}\n{}\n", a.replace(',', "  "), b.replace(',', " ")),
+        format!("{}\n{}\n", a.replace(',', "\t"), b.replace(',', "\t")),
         format!("{a},\n{b},\n"),
         format!("0,{a},\n1,{b},\n"),
         format!("time_ms,a,b,c,d,e,f,g,h,i,j,k,l\n10,{a}\n12.5,{b}\n"),
-        format!("1700000000,{a}\n1700000001,{b}\n"),
     ] {
         let read = frames(&text).unwrap();
         let last: Vec<(usize, f64, f64)> = read.iter().map(|row| (row.len(), row[0], row[11])).collect();
@@ -95,9 +95,14 @@ fn columns_that_are_no_channels_are_refused_with_the_fix() {
     let message = frames(&format!("bridge,a,b,c,d,e,f,g,h,i,j,k,l\n0.0,{a}\n0.01,{b}\n")).unwrap_err();
     assert_eq!(
         message,
-        ", row 2, column 1: the column `bridge` rises from row to row, as times do, and frames of this protocol have 12 \
-         values: call it time_s, or remove it"
+        ", row 2, column 1: frames of this protocol have 12 values, and the row has one more: if the first column `bridge` has \
+         times, call it time_s in a header; if not, remove what is no channel"
     );
+    // Two rows rise by chance; and it may be the last column that has times.
+    let message = frames(&format!("0.11,{a}\n0.12,{b}\n")).unwrap_err();
+    assert!(message.contains("call it time_s in a header"), "{message}");
+    let steady: String = (0..6).map(|k| format!("{k}.5,{},{k}.25\n", a.rsplit_once(',').unwrap().0)).collect();
+    assert!(frames(&steady).unwrap_err().contains("call it time_s in a header"));
     // Neither row numbers nor times: one value too many.
     let message = frames(&format!("5,{a}\n5,{b}\n")).unwrap_err();
     assert_eq!(message, ", row 1: too many values: 13, but frames of this protocol have 12");
@@ -107,6 +112,15 @@ fn columns_that_are_no_channels_are_refused_with_the_fix() {
     assert!(message.ends_with("`(2-1.5e-3j)` is a complex number: write its real part or its magnitude"), "{message}");
     let message = frames(&format!("{a},{b}\n")).unwrap_err();
     assert!(message.contains("24, but frames of this protocol have 12; if magnitudes and phases"), "{message}");
+}
+
+#[test]
+fn steady_times_without_a_name_are_no_channel() {
+    let rows = |end: &str| (0..5).map(|k| format!("17{k}.01{k},{}{end}\n", row("12"))).collect::<String>();
+    for text in [rows(""), rows(",")] {
+        let read = frames(&text).unwrap();
+        assert!(read.len() == 5 && read.iter().all(|row| row[0] == 2.0 && row[11] == 12.0), "{text}");
+    }
 }
 
 #[test]
