@@ -101,7 +101,10 @@ impl Calibration {
         let region = &match frame {
             LabelFrame::Skin => Region::of_skin(skin)?,
             LabelFrame::Robot => {
+                // The skin must be parallel to x and y of the robot's frame.
+                Region::around_labels(skin, &labels)?;
                 flatten(labels.iter_mut().map(|label| &mut label.position_m));
+                check(frames, protocol, &labels)?;
                 Region::around_labels(skin, &labels)?
             }
         };

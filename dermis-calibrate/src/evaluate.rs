@@ -1,6 +1,5 @@
 //! Measured presses, and the score of a calibration against them.
 
-use crate::calibration::flatten;
 use crate::{CalibrateError, Calibration, Label, LabelFrame, Located};
 use dermis::contact::Contact;
 use dermis::frame::{EvaluatedPress, Frame, PressEstimate, Truth, read_truth};
@@ -29,8 +28,7 @@ impl Presses {
         let limits = skin.mesh().place_limits(skin.design().body.surface());
         let path = path.to_path_buf();
         match read_truth(&path, &limits, frame_count).map_err(CalibrateError::Table)? {
-            Truth::Elsewhere { mut positions_m, forces_n } => {
-                flatten(&mut positions_m);
+            Truth::Elsewhere { positions_m, forces_n } => {
                 Ok(Presses { path, positions_m, forces_n, frame: LabelFrame::Robot })
             }
             Truth::OnSkin(frames) => {
@@ -110,8 +108,12 @@ impl Calibration {
         if is_robot != (presses.frame == LabelFrame::Robot) {
             return Err(CalibrateError::OtherFrame { path: presses.path.clone(), is_robot });
         }
-        let labels = presses.labels(rows);
+        let mut labels = presses.labels(rows);
         let located = self.locate(frames, 0)?;
+        if is_robot {
+            // How deep the robot pressed is no position on the skin.
+            labels.iter_mut().for_each(|label| label.position_m[2] = located[label.row].position_m[2]);
+        }
         let evaluated: Vec<EvaluatedPress> =
             labels.iter().map(|label| self.evaluated(skin, label, &located[label.row])).collect();
         let pairs = || evaluated.iter().filter_map(|press| Some((&press.truth, press.estimate.as_ref()?)));

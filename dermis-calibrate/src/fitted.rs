@@ -1,6 +1,6 @@
 //! The calibration that presses give: a forward map, or the correction of a method.
 
-use crate::calibration::{Calibration, Label, LabelFrame, Quality, check, check_positions};
+use crate::calibration::{Calibration, Label, LabelFrame, Quality, check, check_positions, flatten};
 use crate::correction::{Correction, CorrectionQuality};
 use crate::error::CalibrateError;
 use crate::matching::MIN_EVIDENCE;
@@ -143,7 +143,10 @@ impl Fitted {
             LabelFrame::Skin => surface.distance_m(a, b),
             LabelFrame::Robot => distance(a, b),
         };
-        let at_labels: Vec<Point3> = labels.iter().map(|label| label.position_m).collect();
+        let mut at_labels: Vec<Point3> = labels.iter().map(|label| label.position_m).collect();
+        if frame == LabelFrame::Robot {
+            flatten(&mut at_labels);
+        }
         let anywhere = match frame {
             LabelFrame::Skin => skin.pixels().centres_m.clone(),
             LabelFrame::Robot => vec![centroid(&at_labels)],

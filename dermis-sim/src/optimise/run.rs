@@ -6,9 +6,11 @@ use super::text::design_text;
 use super::{Judgement, Layouts, OptimiseOptions, Optimiser, centres_m, finite, select_readings};
 use crate::twin::TwinOptions;
 use dermis::design::SkinDesign;
+use dermis::files::sha256;
 use dermis::frame::write_whole;
 use dermis::geom::Point3;
 use dermis::protocol::Protocol;
+use dermis::text::hexadecimal;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -212,7 +214,8 @@ impl Run<'_> {
     fn search(&self, step: &(impl Fn() + Sync)) -> crate::Result<Vec<FoundLayout>> {
         let SearchOptions { optimise: options, starts, rounds, state, .. } = self.options;
         let counts = self.options.all_counts(self.given);
-        let conditions = format!("{}\n{:?}\n{options:?}\n{rounds} rounds", self.text, self.twin);
+        let text = hexadecimal(&sha256(self.text.as_bytes()));
+        let conditions = format!("design {text}\n{:?}\n{options:?}\n{rounds} rounds", self.twin);
         let state = Mutex::new(State::open(state.as_deref(), conditions)?);
         let locked = || state.lock().unwrap_or_else(PoisonError::into_inner);
         let optimiser = Optimiser::new(self.text, self.path, self.twin, options)?;

@@ -22,7 +22,7 @@ pub(super) fn design_text(
     let mut file: toml::Table = toml::from_str(text.trim_start_matches('\u{feff}')).unwrap_or_default();
     file.insert("name".into(), name.into());
     // They follow all other tables.
-    let carried = file.remove("files");
+    let mut carried = file.remove("files");
     if carried.is_none()
         && let Some(mesh) =
             file.get_mut("body").and_then(|body| body.get_mut("mesh")).and_then(toml::Value::as_table_mut)
@@ -33,6 +33,13 @@ pub(super) fn design_text(
         mesh.insert("path".into(), whole.to_string_lossy().into_owned().into());
     }
     if let (Some(table), Some(protocol)) = (table, file.get_mut("protocol").and_then(toml::Value::as_table_mut)) {
+        // The new table lies beside the design.
+        if let (Some(files), Some(old)) = (
+            carried.as_mut().and_then(toml::Value::as_table_mut),
+            protocol.get("pattern").and_then(|pattern| pattern.get("table")).and_then(toml::Value::as_str),
+        ) {
+            files.remove(old);
+        }
         // The table says where the measures start and which way round they are.
         protocol.retain(|key, _| key == "amplitude_only");
         protocol.insert("pattern".into(), toml::Table::from_iter([("table".to_string(), table.into())]).into());

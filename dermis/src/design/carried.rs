@@ -57,11 +57,21 @@ impl CarriedFiles {
             return design.to_string();
         }
         let line = |(name, contents): (&String, &Arc<[u8]>)| {
-            format!("{name:?} = \"{}\"\n", crate::text::hexadecimal(contents))
+            format!("\"{}\" = \"{}\"\n", escaped(name), crate::text::hexadecimal(contents))
         };
         let lines: String = self.0.iter().map(line).collect();
         format!("{}\n\n{HEAD}\n{lines}", design.trim_end())
     }
+}
+
+/// A name as TOML writes it between quotation marks.
+fn escaped(name: &str) -> String {
+    let escape = |c: char| match c {
+        '"' | '\\' => format!("\\{c}"),
+        _ if c.is_control() => format!("\\u{:04x}", u32::from(c)),
+        _ => c.to_string(),
+    };
+    name.chars().map(escape).collect()
 }
 
 /// The name and the contents of a line.
@@ -86,7 +96,7 @@ mod tests {
     fn files_come_back_as_they_were() {
         let mut files = CarriedFiles::default();
         let contents: Vec<u8> = (0..=255).collect();
-        let names = ["arm.stl", "a \"b\" = c\\d.csv", "ärmel [files].ply"];
+        let names = ["arm.stl", "a \"b\" = c\\d.csv", "ärmel [files].ply", "a\u{a0}b\tc.stl"];
         names.iter().for_each(|name| files.insert(Path::new(name), contents.clone()));
         let text = "name = \"[files]\"\n";
         let joined = files.join(text);

@@ -194,6 +194,7 @@ impl MeshFile {
     /// A file that cannot be read, or that is larger than `most_bytes`.
     pub fn read(&self, most_bytes: u64) -> std::io::Result<Arc<[u8]>> {
         match &self.contents {
+            Some(contents) if contents.len() as u64 > most_bytes => Err(std::io::ErrorKind::FileTooLarge.into()),
             Some(contents) => Ok(Arc::clone(contents)),
             None => Ok(read_at_most(&self.path, most_bytes)?.into()),
         }

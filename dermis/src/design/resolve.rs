@@ -86,7 +86,11 @@ pub(super) fn with_files(text: &str, name: &str) -> Result<String, DesignError> 
         PatternTable::Table(path) => Some(path),
         _ => None,
     };
-    let named: Vec<_> = mesh.into_iter().chain(table).filter(|path| files.get(path).is_none()).collect();
+    // A larger file stays where it is.
+    let is_small =
+        |path: &&PathBuf| std::fs::metadata(source.beside(path)).map_or(true, |file| file.len() <= LARGEST_CARRIED);
+    let is_missing = |path: &&PathBuf| files.get(path).is_none();
+    let named: Vec<_> = mesh.into_iter().chain(table).filter(is_missing).filter(is_small).collect();
     let read = |path: &&PathBuf| {
         let place = source.beside(path);
         let failed = |error| DesignError::new(format!("cannot read {}: {error}", place.display()), None);
@@ -148,7 +152,7 @@ fn locate(file: &DesignFile, place: Place) -> Range<usize> {
 /// a hundred bytes of memory.
 const LARGEST_DESIGN: u64 = 4 << 20;
 
-/// Largest file that a design carries, bytes: a million triangles. A text holds two, with two digits for each byte.
+/// Largest file that a design carries, bytes: a million triangles of a binary STL file. A text holds two, with two digits for each byte.
 const LARGEST_CARRIED: u64 = 50 << 20;
 
 /// Longest name of a design, bytes.

@@ -11,30 +11,65 @@ pub(super) struct Rows {
     pub(crate) rows: Vec<(usize, Vec<f64>)>,
 }
 
-/// Reads rows of numbers, separated by commas or by semicolons (then with decimal points or commas).
+/// Reads rows of numbers, separated by semicolons (then with decimal points or commas), by commas, by tabs, or by spaces. Empty
+/// lines, comments and a separator at the end of every row are skipped.
 ///
 /// The first row is a header if none of its fields is a number, if its first field is not a number and the others
 /// number the columns (0, 1, 2, ... or 1, 2, 3, ...), or if it numbers exactly `columns` columns, as pandas writes
-/// them. A byte-order mark, carriage returns and empty lines at the end are ignored. An empty field is `NaN` where
-/// `columns` are known, else an error.
+/// them. A byte-order mark and carriage returns are ignored. An empty field is `NaN` where `columns` are known, else an error.
 pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<Rows, TableError> {
     let text = std::str::from_utf8(text).map_err(|error| TableError::File {
         path: path.to_path_buf(),
-        message: format!("not UTF-8 text (byte {}); write CSV, NPY or NPZ", error.valid_up_to()),
+        message: match text.starts_with(b"MATLAB ") || text.starts_with(b"\x89HDF") {
+            true => "a MATLAB file; write a table with `writematrix(frames, 'frames.csv')`".into(),
+            false => format!("not UTF-8 text (byte {}); write CSV, NPY or NPZ", error.valid_up_to()),
+        },
     })?;
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text).trim_end();
-    let separator = if text.lines().next().is_some_and(|line| line.contains(';')) { ';' } else { ',' };
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let numbered = text.lines().map(str::trim_end).enumerate().map(|(index, line)| (index + 1, line));
+    let mut lines: Vec<(usize, &str)> = numbered.filter(|(_, line)| !is_skipped(line)).collect();
+    let separator = separator(lines.iter().take(2).map(|(_, line)| *line));
     check_size(text, separator).map_err(|message| TableError::File { path: path.to_path_buf(), message })?;
-    let mut header = None;
-    let mut rows = Vec::new();
-    for (index, line) in text.lines().enumerate() {
-        if index == 0 && is_header(line, separator, columns) {
-            header = Some(line.split(separator).map(name).collect());
-            continue;
-        }
-        rows.push((index + 1, row(line, index + 1, separator, columns.is_some(), path)?));
+    let mut header = match lines.first() {
+        Some((_, line)) if is_header(line, separator, columns) => Some(lines.remove(0).1),
+        _ => None,
+    };
+    let fields = |line: &str| split(line, separator).len();
+    // A last field with a name is a column.
+    let is_named = |row: &str| header.is_some_and(|header| !header.ends_with(separator) && fields(header) == fields(row));
+    if ends_empty(&lines, separator, columns) && !lines.first().is_some_and(|(_, row)| is_named(row)) {
+        lines.iter_mut().for_each(|(_, line)| *line = line.strip_suffix(separator).unwrap_or(line));
+        header = header.map(|line| line.strip_suffix(separator).unwrap_or(line));
     }
-    Ok(Rows { header, rows })
+    let rows = lines.into_iter().map(|(index, line)| Ok((index, row(line, index, separator, columns.is_some(), path)?)));
+    Ok(Rows {
+        header: header.map(|line| split(line, separator).into_iter().map(name).collect()),
+        rows: rows.collect::<Result<_, TableError>>()?,
+    })
+}
+
+/// Whether a line is empty or a comment.
+pub(super) fn is_skipped(line: &str) -> bool {
+    let line = line.trim_start();
+    line.is_empty() || ["#", "%", "//"].iter().any(|comment| line.starts_with(comment))
+}
+
+/// What separates the fields of some lines: a semicolon, a comma, or (a space) white space.
+pub(super) fn separator<'a>(lines: impl Iterator<Item = &'a str> + Clone) -> char {
+    [';', ','].into_iter().find(|separator| lines.clone().any(|line| line.contains(*separator))).unwrap_or(' ')
+}
+
+/// Whether every row has a separator at its end, and not an empty last field: the row has more fields than there are columns,
+/// row numbers counted.
+fn ends_empty(rows: &[(usize, &str)], separator: char, columns: Option<usize>) -> bool {
+    let Some((_, first)) = rows.first() else { return false };
+    if separator == ' ' || !rows.iter().all(|(_, row)| row.ends_with(separator)) {
+        return false;
+    }
+    let number_of_row = |(_, row): &(usize, &str)| number(row.split(separator).next()?, separator);
+    let numbers: Vec<f64> = rows.iter().map(|row| number_of_row(row).unwrap_or(f64::NAN)).collect();
+    let has_numbers = counts(numbers.iter().copied()) || matches!(numbers[..], [0.0 | 1.0]);
+    columns.is_none_or(|columns| first.split(separator).count() > columns + usize::from(has_numbers))
 }
 
 /// Memory of a row besides its values, in values.
@@ -46,7 +81,8 @@ const MAX_COLUMNS: usize = 10_000_000;
 fn check_size(text: &str, separator: char) -> Result<(), String> {
     let mut values = 0;
     for line in text.lines() {
-        let columns = 1 + line.bytes().filter(|&byte| byte == separator as u8).count();
+        let is_separator = |byte: &u8| if separator == ' ' { byte.is_ascii_whitespace() } else { *byte == separator as u8 };
+        let columns = 1 + line.as_bytes().iter().filter(|byte| is_separator(byte)).count();
         if columns > MAX_COLUMNS {
             return Err(format!("a line has {columns} values: at most {MAX_COLUMNS} are read"));
         }
@@ -63,7 +99,7 @@ fn check_size(text: &str, separator: char) -> Result<(), String> {
 /// Whether the first line of a file names or numbers the columns; see [`parse`].
 pub(super) fn is_header(line: &str, separator: char, columns: Option<usize>) -> bool {
     let fields = split(line, separator);
-    if fields.iter().any(|field| holds_several_numbers(field)) {
+    if fields.iter().any(|field| holds_several_numbers(field) || is_complex(field)) {
         return false;
     }
     let fields: Vec<Option<f64>> = fields.into_iter().map(|field| number(field, separator)).collect();
@@ -106,15 +142,16 @@ fn row(line: &str, row: usize, separator: char, gaps: bool, path: &Path) -> Resu
 /// The numbers of a line, or what is wrong with it: the 1-based column, if a single value is, and a message. With
 /// `gaps`, a field without a value is `NaN`.
 pub(super) fn numbers(line: &str, separator: char, gaps: bool) -> Result<Vec<f64>, (Option<usize>, String)> {
-    if line.trim().is_empty() {
-        return Err((None, "an empty line between rows".into()));
-    }
     let value = |(index, field): (usize, &str)| {
         let known = number(field, separator).or_else(|| (gaps && field.trim().is_empty()).then_some(f64::NAN));
         known.ok_or_else(|| match field.trim() {
             "" => (Some(index + 1), "no value".to_string()),
             text if holds_several_numbers(text) => {
-                (None, "the values are separated by spaces or tabs; separate them by commas".to_string())
+                (None, "some values are separated by spaces or tabs; separate all of them by commas".to_string())
+            }
+            text if is_complex(text) => {
+                let text = shortened(text);
+                (Some(index + 1), format!("`{text}` is a complex number: write its real part or its magnitude"))
             }
             text => (Some(index + 1), format!("`{}` is not a number", shortened(text))),
         })
@@ -128,6 +165,14 @@ pub(super) fn numbers(line: &str, separator: char, gaps: bool) -> Result<Vec<f64
 /// Whether a field is a row of numbers with spaces or tabs between them.
 fn holds_several_numbers(field: &str) -> bool {
     field.split_whitespace().count() > 1 && field.split_whitespace().all(|word| word.parse::<f64>().is_ok())
+}
+
+/// Whether a field is a complex number, as Python and MATLAB write them.
+fn is_complex(field: &str) -> bool {
+    let plain = field.trim().trim_matches(['(', ')', '"']);
+    let digits = plain.strip_suffix(['i', 'j']).unwrap_or_default();
+    digits.contains(|c: char| c.is_ascii_digit())
+        && digits.chars().all(|c| c.is_ascii_digit() || matches!(c, '+' | '-' | '.' | 'e' | 'E' | ' '))
 }
 
 /// The number in a field. A comma is a decimal point only if the separator is a semicolon.

@@ -5,11 +5,9 @@ use thiserror::Error;
 
 /// Reads frames from lines of text: a row of values in each, in the order of the protocol's channels.
 ///
-/// The rules are those of [`read_frames`](crate::frame::read_frames), with these differences. A line is separated by
-/// semicolons if it has one, else by commas if it has one, else by white space. Empty lines, comments (`#`, `%` or
-/// `//`) and headers are skipped. A first column more than the protocol has channels contains row numbers or times: by
-/// its name in the header, else by its first two values (row numbers count up from 0 or 1, times increase). A wrong
-/// line is an error of this line only.
+/// The rules are those of [`read_frames`](crate::frame::read_frames), with these differences. Each line has its own separator,
+/// headers may come again, each line is a frame, and a wrong line is an error of this line only. The first column, if there is
+/// one more than the protocol has channels, is told by its first two values where it has no name.
 ///
 /// ```
 /// use dermis::frame::FrameLines;
@@ -75,6 +73,31 @@ const TIMES: [&str; 8] = ["time", "time_s", "t", "t_s", "seconds", "timestamp", 
 /// Names of a column of row numbers; pandas writes an empty one.
 const ROW_NUMBERS: [&str; 6] = ["", "frame", "index", "number", "row", "sequence"];
 
+/// What a column is by its name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum ColumnName {
+    Seconds,
+    OtherTimes,
+    RowNumbers,
+    Other,
+}
+
+impl ColumnName {
+    pub(super) fn of(name: &str) -> Self {
+        let name = name.to_lowercase().replace([' ', '(', '['], "_").replace([')', ']'], "").replace("__", "_");
+        let is_other_unit = ["_ms", "_us", "_ns", "_min", "_h"].iter().any(|unit| name.ends_with(unit));
+        if TIMES.contains(&name.as_str()) {
+            ColumnName::Seconds
+        } else if is_other_unit && (name.starts_with('t') || name.starts_with("measured")) {
+            ColumnName::OtherTimes
+        } else if ROW_NUMBERS.contains(&name.as_str()) {
+            ColumnName::RowNumbers
+        } else {
+            ColumnName::Other
+        }
+    }
+}
+
 impl FrameLines {
     /// For frames of a protocol with some channels.
     pub fn new(channel_count: usize) -> Self {
@@ -85,13 +108,19 @@ impl FrameLines {
     pub fn take(&mut self, text: &str) -> Vec<Result<FrameLine, LineError>> {
         self.line += 1;
         let text = if self.line == 1 { text.trim_start_matches('\u{feff}') } else { text }.trim();
-        if text.is_empty() || ["#", "%", "//"].iter().any(|comment| text.starts_with(comment)) {
+        if csv::is_skipped(text) {
             return Vec::new();
         }
-        let separator = [';', ','].into_iter().find(|separator| text.contains(*separator)).unwrap_or(' ');
+        let separator = csv::separator(std::iter::once(text));
         if self.skips_header(text, separator) {
             return Vec::new();
         }
+        // Instruments that print a separator after every value.
+        let fields = csv::split(text, separator).len();
+        let text = match text.strip_suffix(separator) {
+            Some(text) if fields > self.channel_count => text,
+            _ => text,
+        };
         let row = csv::numbers(text, separator, false).map_err(|(column, message)| self.error(column, message));
         let taken = match row.and_then(|row| self.checked(row)) {
             Ok(row) => self.frames(row),
@@ -183,17 +212,16 @@ impl FrameLines {
         let Some(name) = self.header.first().filter(|_| self.header.len() == self.channel_count + 1) else {
             return Ok(None);
         };
-        let name = name.to_lowercase().replace([' ', '(', '['], "_").replace([')', ']'], "").replace("__", "_");
-        if TIMES.contains(&name.as_str()) {
-            return Ok(Some(FirstColumn::Time));
-        }
-        let is_other_unit = ["_ms", "_us", "_ns", "_min", "_h"].iter().any(|unit| name.ends_with(unit));
-        if is_other_unit && (name.starts_with('t') || name.starts_with("measured")) {
-            let message =
-                format!("the times of the column `{name}` are not in seconds: send seconds, or leave them out");
-            return Err(self.error(Some(1), message));
-        }
-        Ok(ROW_NUMBERS.contains(&name.as_str()).then_some(FirstColumn::RowNumber))
+        Ok(match ColumnName::of(name) {
+            ColumnName::Seconds => Some(FirstColumn::Time),
+            ColumnName::OtherTimes => {
+                let message =
+                    format!("the times of the column `{name}` are not in seconds: send seconds, or leave them out");
+                return Err(self.error(Some(1), message));
+            }
+            ColumnName::RowNumbers => Some(FirstColumn::RowNumber),
+            ColumnName::Other => None,
+        })
     }
 
     /// The first two rows, whose first column has no name.

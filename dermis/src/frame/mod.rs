@@ -1,5 +1,6 @@
 //! Frames of voltages, baselines, and tables of them.
 
+mod arrangement;
 mod broken;
 mod csv;
 mod currents;

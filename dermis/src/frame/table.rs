@@ -2,8 +2,10 @@
 
 use crate::files::read_at_most;
 use crate::frame::write_whole;
-use crate::frame::{Frame, TableError, csv, npy, npz};
+use crate::frame::lines::ColumnName;
+use crate::frame::{Frame, TableError, arrangement, csv, npy, npz};
 use crate::protocol::Protocol;
+use crate::stats::upper_median;
 use std::path::Path;
 
 /// Rows of numbers, all of the same length.
@@ -43,17 +45,22 @@ fn read_rows(path: &Path, array: &str, columns: Option<usize>) -> Result<Table, 
     Ok(table)
 }
 
-/// Reads rows of `columns` values each. A first column of row numbers is dropped.
+/// Reads rows of `columns` values each. A first column of row numbers or times is dropped.
 ///
 /// # Errors
-/// As [`read_table`]; rows of another length, a column named as times.
+/// As [`read_table`]; rows of another length.
 pub(super) fn read_values(path: &Path, array: &str, columns: usize, what: &str) -> Result<Table, TableError> {
-    let mut table = read_rows(path, array, Some(columns))?;
+    let table = read_rows(path, array, Some(columns))?;
     if table.rows[0].len() == 1 && table.rows.len() == columns && columns > 1 {
         return Err(file_error(path, format!("one value in each of {columns} rows: write them in one row")));
     }
+    with_columns(table, path, columns, what)
+}
+
+/// A table of rows of `columns` values each, without a first column of row numbers or times.
+fn with_columns(mut table: Table, path: &Path, columns: usize, what: &str) -> Result<Table, TableError> {
     if table.rows[0].len() == columns + 1 {
-        drop_row_numbers(&mut table, path, what)?;
+        drop_first_column(&mut table, path, what)?;
     }
     for (row, &file_row) in table.rows.iter().zip(&table.file_rows) {
         if row.len() != columns {
@@ -63,25 +70,40 @@ pub(super) fn read_values(path: &Path, array: &str, columns: usize, what: &str) 
     Ok(table)
 }
 
-/// Drops the first column if it contains row numbers: with an empty name, as the index of pandas, or counting from 0
-/// or 1. Any other increasing first column contains times, which is an error.
-fn drop_row_numbers(table: &mut Table, path: &Path, what: &str) -> Result<(), TableError> {
+/// Drops the first column if it contains row numbers or times: by its name, by counting from 0 or 1, or without a name by
+/// rising steadily, where the last column does not. Any other rising first column is an error.
+fn drop_first_column(table: &mut Table, path: &Path, what: &str) -> Result<(), TableError> {
     let first: Vec<f64> = table.rows.iter().map(|row| row[0]).collect();
-    let name = table.header.as_ref().and_then(|header| header.first());
-    if name.is_some_and(String::is_empty) || csv::counts(first.iter().copied()) {
+    let name = table.header.as_ref().filter(|header| header.len() == table.rows[0].len()).and_then(|header| header.first());
+    let is_named = name.is_some_and(|name| ColumnName::of(name) != ColumnName::Other);
+    let last: Vec<f64> = table.rows.iter().filter_map(|row| row.last().copied()).collect();
+    if is_named || csv::counts(first.iter().copied()) || (name.is_none() && are_times(&first) && !are_times(&last)) {
         table.rows.iter_mut().for_each(|row| _ = row.remove(0));
         table.header.iter_mut().for_each(|header| _ = header.remove(0));
         return Ok(());
     }
-    if first.len() > 1 && first.is_sorted_by(|a, b| a < b) {
+    if first.is_sorted_by(|a, b| a < b) {
         let name = name.map(|name| format!(" `{name}`")).unwrap_or_default();
         let message = format!(
-            "the column{name} rises from row to row, as times do, and {what} have {} values: remove it",
+            "{what} have {} values, and the row has one more: if the first column{name} has times, call it time_s in a header; \
+             if not, remove what is no channel",
             table.rows[0].len() - 1
         );
         return Err(TableError::Cell { path: path.to_path_buf(), row: table.file_rows[0], column: Some(1), message });
     }
     Ok(())
+}
+
+/// Fewer values may rise by chance.
+const MIN_TIMES: usize = 5;
+/// Largest step of times over the median step. Noise and drift have steps of both signs and of any size.
+const MAX_STEP: f64 = 3.0;
+
+/// Whether the values of a column without a name are times: they rise in steps of about the same length.
+fn are_times(values: &[f64]) -> bool {
+    let steps: Vec<f64> = values.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let Some(median) = upper_median(&steps).filter(|_| values.len() >= MIN_TIMES) else { return false };
+    steps.iter().all(|&step| step > 0.0 && step <= MAX_STEP * median)
 }
 
 /// [`read_rows`] from bytes; the rows may differ in length.
@@ -98,7 +120,7 @@ fn parse_table(bytes: &[u8], path: &Path, array: &str, columns: Option<usize>) -
     let npy::Array { shape, values } = array.map_err(|message| file_error(path, message))?;
     let columns = match shape.as_slice() {
         [columns] => *columns,
-        [_, columns] => *columns,
+        [_, columns @ ..] if !columns.is_empty() => columns.iter().product(),
         _ => return Err(file_error(path, format!("an array of shape {shape:?}, but rows x columns are needed"))),
     };
     let rows: Vec<Vec<f64>> = values.chunks(columns.max(1)).map(<[f64]>::to_vec).collect();
@@ -139,17 +161,23 @@ fn file_error(path: &Path, message: impl Into<String>) -> TableError {
 
 fn count_error(path: &Path, row: usize, got: usize, expected: usize, what: &str) -> TableError {
     let amount = if got < expected { "too few" } else { "too many" };
-    let message = format!("{amount} values: {got}, but {what} have {expected}");
+    let twice = match got == 2 * expected {
+        true => "; if magnitudes and phases, or real and imaginary parts, alternate, keep one of them",
+        false => "",
+    };
+    let message = format!("{amount} values: {got}, but {what} have {expected}{twice}");
     TableError::Cell { path: path.to_path_buf(), row, column: None, message }
 }
 
 /// Reads frames (or differences of frames) of a protocol, ohm, one per row.
 ///
-/// A header of channel numbers and a first column of frame numbers, as written by pandas, are dropped.
+/// A header, and a first column of frame numbers or times, are dropped. Frames may also be columns, a row for each channel; or
+/// have one drive in each row, so that an array is frames x drives x measures; or they have the voltages between all
+/// neighbouring electrodes for every drive, whose sum is zero, of which the protocol's channels are taken.
 ///
 /// # Errors
-/// As [`read_table`]; rows that do not have a value for every channel; a value that is missing, `NaN` or infinite; a
-/// column of times.
+/// As [`read_table`]; rows that do not have a value for every channel; a value that is missing, `NaN` or infinite; rows that
+/// are frames as columns as well as drives.
 pub fn read_frames(path: &Path, protocol: &Protocol) -> Result<Vec<Frame>, TableError> {
     read_frames_without(path, protocol, &[])
 }
@@ -159,7 +187,10 @@ pub fn read_frames(path: &Path, protocol: &Protocol) -> Result<Vec<Frame>, Table
 /// # Errors
 /// As [`read_frames`] for the other channels.
 pub fn read_frames_without(path: &Path, protocol: &Protocol, left_out: &[usize]) -> Result<Vec<Frame>, TableError> {
-    let table = read_values(path, "frames", protocol.channel_count(), "frames of this protocol")?;
+    let channel_count = protocol.channel_count();
+    let table = arrangement::frames_in_rows(read_rows(path, "frames", Some(channel_count))?, protocol)
+        .map_err(|message| file_error(path, message))?;
+    let table = with_columns(table, path, channel_count, "frames of this protocol")?;
     let mut frames = Vec::with_capacity(table.rows.len());
     for (mut values, row) in table.rows.into_iter().zip(table.file_rows) {
         for &channel in left_out {

@@ -1,0 +1,151 @@
+//! Frames as boards and programs arrange them in tables.
+
+use crate::frame::lines::ColumnName;
+use crate::frame::{Table, csv};
+use crate::protocol::{Channel, Protocol};
+use crate::text::counted;
+
+/// Sum of the voltages round a ring over the sum of their magnitudes: more is no ring. Boards print four digits or more.
+const MAX_RING_SUM: f64 = 1e-2;
+
+/// A table with a frame in each row. Any other table is returned as it is.
+///
+/// # Errors
+/// A table that can be read in two ways; columns that are no frames.
+pub(super) fn frames_in_rows(table: Table, protocol: &Protocol) -> Result<Table, String> {
+    let (rows, width, channels) = (table.rows.len(), table.rows[0].len(), protocol.channel_count());
+    if width == channels || width == channels + 1 {
+        return Ok(table);
+    }
+    let joined = joined(&table, protocol);
+    match (joined, rows == channels) {
+        (Some(joined), true) => Err(format!(
+            "{} of {} may be frames as columns, or {} with one drive in each row: write a frame in each row",
+            counted(rows, "row"),
+            counted(width, "value"),
+            counted(joined.rows.len(), "frame"),
+        )),
+        (Some(joined), false) => Ok(joined),
+        (None, true) => transposed(table),
+        (None, false) => Ok(chosen(&table, protocol).unwrap_or(table)),
+    }
+}
+
+fn drives(protocol: &Protocol) -> Vec<&[Channel]> {
+    protocol.channels().chunk_by(|a, b| a.drive == b.drive).collect()
+}
+
+/// Frames from rows of one drive each, if these can be that: the measures of the protocol, or all neighbouring pairs.
+fn joined(table: &Table, protocol: &Protocol) -> Option<Table> {
+    let (drives, width) = (drives(protocol), table.rows[0].len());
+    if width < 2 || drives.len() < 2 || !table.rows.len().is_multiple_of(drives.len()) {
+        return None;
+    }
+    let whole = Table {
+        header: None,
+        rows: table.rows.chunks(drives.len()).map(<[Vec<f64>]>::concat).collect(),
+        file_rows: table.file_rows.iter().copied().step_by(drives.len()).collect(),
+    };
+    if drives.iter().all(|channels| channels.len() == width) { Some(whole) } else { chosen(&whole, protocol) }
+}
+
+/// A row for each column. A first column of channel numbers is dropped.
+fn transposed(mut table: Table) -> Result<Table, String> {
+    let first = table.rows.iter().map(|row| row[0]);
+    let name = table.header.as_ref().and_then(|header| header.first());
+    let is_numbered = csv::counts(first.collect::<Vec<_>>().into_iter())
+        || name.is_some_and(|name| ColumnName::of(name) == ColumnName::RowNumbers || name == "channel");
+    if is_numbered && table.rows[0].len() > 1 {
+        table.rows.iter_mut().for_each(|row| _ = row.remove(0));
+    }
+    let width = table.rows[0].len();
+    let column = |index: usize| -> Vec<f64> { table.rows.iter().map(|row| row[index]).collect() };
+    let columns: Vec<Vec<f64>> = (0..width).map(column).collect();
+    if columns.iter().any(|column| column.iter().all(|value| value.fract() == 0.0)) {
+        let rows = counted(table.rows.len(), "row");
+        return Err(format!(
+            "{rows}, as many as channels, but a column of whole numbers is no frame: keep the columns of values, with decimal \
+             points, or write a frame in each row"
+        ));
+    }
+    Ok(Table { header: None, file_rows: (1..=width).collect(), rows: columns })
+}
+
+/// The channels of the protocol from rows that have, for each drive, the voltages between all neighbouring electrodes: the
+/// measure between electrodes m and m + 1 is the m-th of its drive. Such voltages add up to zero.
+fn chosen(table: &Table, protocol: &Protocol) -> Option<Table> {
+    let (drives, electrodes) = (drives(protocol), protocol.electrode_count());
+    if table.rows[0].len() != drives.len() * electrodes {
+        return None;
+    }
+    let is_ring = |ring: &[f64]| {
+        ring.iter().sum::<f64>().abs() <= MAX_RING_SUM * ring.iter().map(|value| value.abs()).sum::<f64>()
+    };
+    if !table.rows.iter().flat_map(|row| row.chunks_exact(electrodes)).all(is_ring) {
+        return None;
+    }
+    let place = |drive: usize, [plus, minus]: [usize; 2]| {
+        let is_next = |a: usize, b: usize| (a + 1) % electrodes == b;
+        let first = if is_next(plus, minus) { Some(plus) } else { is_next(minus, plus).then_some(minus) };
+        first.map(|first| drive * electrodes + first)
+    };
+    let measures = drives.iter().enumerate().flat_map(|(drive, channels)| channels.iter().map(move |c| (drive, c.measure)));
+    let places: Vec<usize> = measures.map(|(drive, measure)| place(drive, measure)).collect::<Option<_>>()?;
+    let rows = table.rows.iter().map(|row| places.iter().map(|&place| row[place]).collect()).collect();
+    Some(Table { header: None, rows, file_rows: table.file_rows.clone() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rows whose values are their places in the frame, and a half.
+    fn table(rows: usize, width: usize) -> Table {
+        let row = |row: usize| (0..width).map(|column| (row * width + column) as f64 + 0.5).collect();
+        Table { header: None, rows: (0..rows).map(row).collect(), file_rows: (1..=rows).collect() }
+    }
+
+    #[test]
+    fn frames_are_found_however_they_lie() {
+        // Eight drives of five measures: 40 channels.
+        let protocol = Protocol::adjacent_undriven(8).unwrap();
+        let read = |table| frames_in_rows(table, &protocol);
+        let frames = |rows, width| read(table(rows, width)).unwrap().rows;
+        assert_eq!(frames(3, 40), table(3, 40).rows, "a frame in each row");
+        assert_eq!(frames(3, 41), table(3, 41).rows, "with a column of times");
+        assert_eq!(frames(16, 5), table(2, 40).rows, "a drive in each row");
+        assert_eq!(frames(7, 5), table(7, 5).rows, "no whole frame: refused later");
+        // Voltages between potentials: a row of all pairs, and a row of them for each drive.
+        let mut rings = table(8, 8);
+        let potential = |drive: usize, electrode: usize| ((3 * drive + 1) as f64 * electrode as f64).sin();
+        let voltage = |drive, m| potential(drive, m) - potential(drive, (m + 1) % 8);
+        rings.rows = (0..8).map(|drive| (0..8).map(|m| voltage(drive, m)).collect()).collect();
+        let one_row = Table { rows: vec![rings.rows.concat()], file_rows: vec![1], header: None };
+        for whole in [rings, one_row] {
+            let frames = read(whole).unwrap().rows;
+            // Of drive 0 (electrodes 0, 1) the measures 2 to 6, of drive 1 the measures 3 to 7.
+            assert_eq!((frames.len(), frames[0].len()), (1, 40));
+            assert_eq!((frames[0][0], frames[0][5]), (voltage(0, 2), voltage(1, 3)));
+        }
+        // Twice as many values as channels, not around a ring, are none of this.
+        assert_eq!(frames(1, 64), table(1, 64).rows);
+    }
+
+    #[test]
+    fn frames_as_columns_are_told_from_lists() {
+        let protocol = Protocol::adjacent_undriven(8).unwrap();
+        let read = |table| frames_in_rows(table, &protocol);
+        let columns = read(table(40, 2)).unwrap().rows;
+        assert_eq!((columns.len(), &columns[1][..3]), (2, &[1.5, 3.5, 5.5][..]));
+        // A first column of channel numbers.
+        let mut numbered = table(40, 3);
+        numbered.rows.iter_mut().enumerate().for_each(|(channel, row)| row[0] = channel as f64);
+        assert_eq!(read(numbered).unwrap().rows.len(), 2);
+        // Five frames as columns, or five with one drive in each row.
+        assert!(read(table(40, 5)).unwrap_err().contains("frames as columns, or 5 frames"));
+        // A list of electrodes and values; decimal commas.
+        let mut list = table(40, 3);
+        list.rows.iter_mut().enumerate().for_each(|(channel, row)| (row[0], row[1]) = ((channel / 5) as f64, 3.0));
+        assert!(read(list).unwrap_err().contains("a column of whole numbers is no frame"));
+    }
+}
