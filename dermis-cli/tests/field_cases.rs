@@ -197,7 +197,8 @@ fn positions_one_row_off_are_named_in_noise() {
 fn files_as_boards_write_them_are_read() {
     let Some(at) = Workplace::of_field_case("12-csv-messages") else { return };
     for frames in ["oe2.txt", "f_hdr.csv", "f_blank.csv"] {
-        let (code, text) = said(&at, &format!("contacts disk.toml --frames {frames} --baseline base.csv -o a.csv --force"));
+        let (code, text) =
+            said(&at, &format!("contacts disk.toml --frames {frames} --baseline base.csv -o a.csv --force"));
         assert_eq!(code, Some(0), "{frames}: {text}");
     }
     let (code, text) = said(&at, "reconstruct disk.toml --frames iirc_ref_complex.csv --difference -o x.npy");
@@ -210,8 +211,10 @@ fn a_skin_that_drifts_is_calibrated_row_by_row() {
     let Some(at) = Workplace::of_field_case("../hydrogel") else { return };
     let files = "--frames ohmc16_down.csv --baseline ohmc16_up.csv --paired --truth ohmc16_pos.csv";
     at.good(&format!("calibrate hyd16.toml {files} --labels 0..300 -o learnt"));
-    let score: serde_json::Value =
-        serde_json::from_str(&at.good(&format!("evaluate hyd16.toml {files} --rows 300..500 --method ./learnt --json"))).unwrap();
+    let score: serde_json::Value = serde_json::from_str(
+        &at.good(&format!("evaluate hyd16.toml {files} --rows 300..500 --method ./learnt --json")),
+    )
+    .unwrap();
     let [mean_m, covered] = [&score["localisation_m"]["mean"], &score["covered"]].map(|value| value.as_f64().unwrap());
     println!("300 labels, 200 others: {:.2} mm, {:.1} % in the 95 % regions", 1e3 * mean_m, 100.0 * covered);
     assert!(mean_m < 3.1e-3 && (0.93..=0.97).contains(&covered), "{score}");

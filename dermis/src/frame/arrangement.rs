@@ -89,7 +89,8 @@ fn chosen(table: &Table, protocol: &Protocol) -> Option<Table> {
         let first = if is_next(plus, minus) { Some(plus) } else { is_next(minus, plus).then_some(minus) };
         first.map(|first| drive * electrodes + first)
     };
-    let measures = drives.iter().enumerate().flat_map(|(drive, channels)| channels.iter().map(move |c| (drive, c.measure)));
+    let measures =
+        drives.iter().enumerate().flat_map(|(drive, channels)| channels.iter().map(move |c| (drive, c.measure)));
     let places: Vec<usize> = measures.map(|(drive, measure)| place(drive, measure)).collect::<Option<_>>()?;
     let rows = table.rows.iter().map(|row| places.iter().map(|&place| row[place]).collect()).collect();
     Some(Table { header: None, rows, file_rows: table.file_rows.clone() })

@@ -36,12 +36,14 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<
     };
     let fields = |line: &str| split(line, separator).len();
     // A last field with a name is a column.
-    let is_named = |row: &str| header.is_some_and(|header| !header.ends_with(separator) && fields(header) == fields(row));
+    let is_named =
+        |row: &str| header.is_some_and(|header| !header.ends_with(separator) && fields(header) == fields(row));
     if ends_empty(&lines, separator, columns) && !lines.first().is_some_and(|(_, row)| is_named(row)) {
         lines.iter_mut().for_each(|(_, line)| *line = line.strip_suffix(separator).unwrap_or(line));
         header = header.map(|line| line.strip_suffix(separator).unwrap_or(line));
     }
-    let rows = lines.into_iter().map(|(index, line)| Ok((index, row(line, index, separator, columns.is_some(), path)?)));
+    let rows =
+        lines.into_iter().map(|(index, line)| Ok((index, row(line, index, separator, columns.is_some(), path)?)));
     Ok(Rows {
         header: header.map(|line| split(line, separator).into_iter().map(name).collect()),
         rows: rows.collect::<Result<_, TableError>>()?,
@@ -81,7 +83,8 @@ const MAX_COLUMNS: usize = 10_000_000;
 fn check_size(text: &str, separator: char) -> Result<(), String> {
     let mut values = 0;
     for line in text.lines() {
-        let is_separator = |byte: &u8| if separator == ' ' { byte.is_ascii_whitespace() } else { *byte == separator as u8 };
+        let is_separator =
+            |byte: &u8| if separator == ' ' { byte.is_ascii_whitespace() } else { *byte == separator as u8 };
         let columns = 1 + line.as_bytes().iter().filter(|byte| is_separator(byte)).count();
         if columns > MAX_COLUMNS {
             return Err(format!("a line has {columns} values: at most {MAX_COLUMNS} are read"));

@@ -1,8 +1,8 @@
 //! Tables of numbers in CSV, NPY and NPZ files.
 
 use crate::files::read_at_most;
-use crate::frame::write_whole;
 use crate::frame::lines::ColumnName;
+use crate::frame::write_whole;
 use crate::frame::{Frame, TableError, arrangement, csv, npy, npz};
 use crate::protocol::Protocol;
 use crate::stats::upper_median;
@@ -74,7 +74,8 @@ fn with_columns(mut table: Table, path: &Path, columns: usize, what: &str) -> Re
 /// rising steadily, where the last column does not. Any other rising first column is an error.
 fn drop_first_column(table: &mut Table, path: &Path, what: &str) -> Result<(), TableError> {
     let first: Vec<f64> = table.rows.iter().map(|row| row[0]).collect();
-    let name = table.header.as_ref().filter(|header| header.len() == table.rows[0].len()).and_then(|header| header.first());
+    let name =
+        table.header.as_ref().filter(|header| header.len() == table.rows[0].len()).and_then(|header| header.first());
     let is_named = name.is_some_and(|name| ColumnName::of(name) != ColumnName::Other);
     let last: Vec<f64> = table.rows.iter().filter_map(|row| row.last().copied()).collect();
     if is_named || csv::counts(first.iter().copied()) || (name.is_none() && are_times(&first) && !are_times(&last)) {
