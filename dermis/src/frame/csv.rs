@@ -1,7 +1,7 @@
 //! Numbers as comma-separated text.
 
 use crate::frame::TableError;
-use crate::frame::table::MAX_VALUES;
+use crate::frame::table::{MAX_VALUES, are_times};
 use std::io::Write;
 use std::path::Path;
 
@@ -26,10 +26,11 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<
         },
     })?;
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let numbered = text.lines().map(str::trim_end).enumerate().map(|(index, line)| (index + 1, line));
-    let mut lines: Vec<(usize, &str)> = numbered.filter(|(_, line)| !is_skipped(line)).collect();
-    let separator = separator(lines.iter().take(2).map(|(_, line)| *line));
+    let numbered = text.lines().enumerate().map(|(index, line)| (index + 1, line.trim_end_matches([' ', '\r'])));
+    let used = numbered.filter(|(_, line)| !is_skipped(line));
+    let separator = separator(used.clone().take(2).map(|(_, line)| line));
     check_size(text, separator).map_err(|message| TableError::File { path: path.to_path_buf(), message })?;
+    let mut lines: Vec<(usize, &str)> = used.collect();
     let mut header = match lines.first() {
         Some((_, line)) if is_header(line, separator, columns) => Some(lines.remove(0).1),
         _ => None,
@@ -56,9 +57,9 @@ pub(super) fn is_skipped(line: &str) -> bool {
     line.is_empty() || ["#", "%", "//"].iter().any(|comment| line.starts_with(comment))
 }
 
-/// What separates the fields of some lines: a semicolon, a comma, or (a space) white space.
+/// What separates the fields of some lines: a semicolon, a comma, a tab, or (a space) white space.
 pub(super) fn separator<'a>(lines: impl Iterator<Item = &'a str> + Clone) -> char {
-    [';', ','].into_iter().find(|separator| lines.clone().any(|line| line.contains(*separator))).unwrap_or(' ')
+    [';', ',', '\t'].into_iter().find(|separator| lines.clone().any(|line| line.contains(*separator))).unwrap_or(' ')
 }
 
 /// Whether every row has a separator at its end, and not an empty last field: the row has more fields than there are columns,
@@ -70,7 +71,8 @@ fn ends_empty(rows: &[(usize, &str)], separator: char, columns: Option<usize>) -
     }
     let number_of_row = |(_, row): &(usize, &str)| number(row.split(separator).next()?, separator);
     let numbers: Vec<f64> = rows.iter().map(|row| number_of_row(row).unwrap_or(f64::NAN)).collect();
-    let has_numbers = counts(numbers.iter().copied()) || matches!(numbers[..], [0.0 | 1.0]);
+    // Row numbers or times.
+    let has_numbers = counts(numbers.iter().copied()) || are_times(&numbers) || matches!(numbers[..], [0.0 | 1.0]);
     columns.is_none_or(|columns| first.split(separator).count() > columns + usize::from(has_numbers))
 }
 

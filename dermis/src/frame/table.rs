@@ -101,7 +101,7 @@ const MIN_TIMES: usize = 5;
 const MAX_STEP: f64 = 3.0;
 
 /// Whether the values of a column without a name are times: they rise in steps of about the same length.
-fn are_times(values: &[f64]) -> bool {
+pub(super) fn are_times(values: &[f64]) -> bool {
     let steps: Vec<f64> = values.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let Some(median) = upper_median(&steps).filter(|_| values.len() >= MIN_TIMES) else { return false };
     steps.iter().all(|&step| step > 0.0 && step <= MAX_STEP * median)

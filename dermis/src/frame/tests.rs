@@ -108,8 +108,8 @@ fn columns_that_are_no_channels_are_refused_with_the_fix() {
     assert_eq!(message, ", row 1: too many values: 13, but frames of this protocol have 12");
     let message = frames(&a.replacen(',', " ", 1)).unwrap_err();
     assert_eq!(message, ", row 1: some values are separated by spaces or tabs; separate all of them by commas");
-    let message = frames(&a.replace(",2,", ",(2-1.5e-3j),")).unwrap_err();
-    assert!(message.ends_with("`(2-1.5e-3j)` is a complex number: write its real part or its magnitude"), "{message}");
+    let message = frames(&a.replace(",3,", ",(3-1.5e-3j),")).unwrap_err();
+    assert!(message.ends_with("`(3-1.5e-3j)` is a complex number: write its real part or its magnitude"), "{message}");
     let message = frames(&format!("{a},{b}\n")).unwrap_err();
     assert!(message.contains("24, but frames of this protocol have 12; if magnitudes and phases"), "{message}");
 }
