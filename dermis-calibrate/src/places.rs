@@ -63,7 +63,7 @@ impl Places {
     }
 
     /// The part of the skin's area that some presses cover.
-    pub(crate) fn coverage(&self, skin: &Skin, presses_m: &[Point3]) -> f64 {
+    pub fn coverage(&self, skin: &Skin, presses_m: &[Point3]) -> f64 {
         let PixelSpace { surface, centres_m, areas, .. } = &**skin.pixels();
         let near = |centre: &Point3| presses_m.iter().any(|press| surface.distance_m(*centre, *press) <= self.reach_m);
         let covered: f64 = centres_m.iter().zip(areas).filter(|(centre, _)| near(centre)).map(|(_, area)| area).sum();

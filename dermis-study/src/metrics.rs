@@ -116,7 +116,7 @@ const OTHERS: &[Figure] = figures! {
 
 impl Figure {
     /// The value as printed in tables.
-    pub(crate) fn show(&self, value: f64) -> String {
+    pub fn show(&self, value: f64) -> String {
         if value.is_nan() { "none".into() } else { format!("{:.*}", self.decimals, self.factor * value) }
     }
 
@@ -139,7 +139,7 @@ impl Figure {
     }
 
     /// The worst of some values; `NaN` if one of them is `NaN`.
-    pub(crate) fn worst(&self, values: &[f64]) -> f64 {
+    pub fn worst(&self, values: &[f64]) -> f64 {
         let worse = |a: f64, b: f64| match self.worse {
             _ if a.is_nan() || b.is_nan() => f64::NAN,
             Worse::More => a.max(b),

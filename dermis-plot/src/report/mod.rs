@@ -85,7 +85,7 @@ impl Report {
     }
 
     /// The page as HTML.
-    pub(crate) fn to_html(&self) -> String {
+    pub fn to_html(&self) -> String {
         let version = env!("CARGO_PKG_VERSION");
         let body = format!("<main>\n{}<footer>Made by dermis {version}.</footer>\n</main>\n", self.body);
         document(&self.title, STYLE, &body)
