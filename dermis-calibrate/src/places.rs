@@ -27,7 +27,7 @@ pub struct Places {
     pub positions_m: Vec<Point3>,
     /// A point of the skin is covered by a press within this distance, m: the largest distance of a point from the
     /// nearest of as many evenly spread places.
-    pub(crate) reach_m: f64,
+    pub reach_m: f64,
 }
 
 impl Places {

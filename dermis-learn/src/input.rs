@@ -21,7 +21,7 @@ pub struct Input {
     /// and the image is multiplied by it. Then a multiple of a difference gives the same multiple of the image, for any
     /// unit of the instrument.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) scale_free: bool,
+    pub scale_free: bool,
 }
 
 /// Ratio of the standard deviation of a normal distribution to its median absolute value.

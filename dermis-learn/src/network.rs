@@ -65,7 +65,7 @@ impl Architecture {
     /// The paper's network in our interpretation (dense, batch normalisation, rectifier) three times and a final dense
     /// layer: on its skin 870 values, hidden layers of 870, 880 and 890, an image of 900; on other skins the hidden
     /// sizes are interpolated linearly.
-    pub(crate) fn paper(channels: usize, pixels: usize) -> Self {
+    pub fn paper(channels: usize, pixels: usize) -> Self {
         let size = |step: usize| (channels * (3 - step) + pixels * step + 1) / 3;
         let sizes = [channels, size(0), size(1), size(2), pixels];
         let mut trunk = Vec::new();
@@ -79,7 +79,7 @@ impl Architecture {
 
     /// The other interpretation of the paper: batch normalisation of the input of each of four hidden layers, and a
     /// fifth layer that makes the image.
-    pub(crate) fn paper_norm_first(channels: usize, pixels: usize) -> Self {
+    pub fn paper_norm_first(channels: usize, pixels: usize) -> Self {
         let size = |step: usize| (channels * (3 - step) + pixels * step + 1) / 3;
         let sizes = [channels, size(0), size(1), size(2), pixels];
         let mut trunk = Vec::new();
@@ -92,7 +92,7 @@ impl Architecture {
     }
 
     /// A linear layer that makes several images of the frame, and convolutions that combine them into one.
-    pub(crate) fn refined(inputs: usize, [rows, columns]: [usize; 2], is_ring: bool, channels: &[usize]) -> Self {
+    pub fn refined(inputs: usize, [rows, columns]: [usize; 2], is_ring: bool, channels: &[usize]) -> Self {
         let outputs = rows * columns * channels[0];
         let refinement = RefinementSpec { rows, columns, is_ring, channels: channels.to_vec() };
         Architecture { trunk: vec![LayerSpec::Dense { inputs, outputs, relu: false }], refinement: Some(refinement) }

@@ -63,7 +63,7 @@ pub struct DomainRandomization {
 
 impl DomainRandomization {
     /// For real skins with an unknown instrument: 0.3 to 0.6, 0.5, up to 2, 0.3.
-    pub(crate) fn usual() -> Self {
+    pub fn usual() -> Self {
         DomainRandomization { whole: [0.3, 0.6], loudness_sd: 0.5, relative: [0.0, 2.0], missing: 0.3 }
     }
 }

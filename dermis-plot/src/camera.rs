@@ -42,7 +42,7 @@ impl Camera {
     /// The cameras for a scene: as few as are needed to show every mark and every label, evenly spaced around the body
     /// if possible, and rotated so that the least visible target faces its camera as much as possible. A flat skin
     /// needs one.
-    pub(crate) fn for_scene(scene: &Scene) -> Vec<Camera> {
+    pub fn for_scene(scene: &Scene) -> Vec<Camera> {
         let heights = || scene.tiles.iter().flat_map(|tile| tile.corners.iter().map(|corner| corner[2]));
         if heights().all(|z_m| Some(z_m) == heights().next()) {
             // x to the right and y to the back.

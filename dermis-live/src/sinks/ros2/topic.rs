@@ -49,7 +49,7 @@ impl Topic {
     pub const COUNT: usize = TOPICS.len();
 
     /// All topics.
-    pub(crate) fn all() -> impl Iterator<Item = Topic> {
+    pub fn all() -> impl Iterator<Item = Topic> {
         TOPICS.iter().map(|(topic, ..)| *topic)
     }
 
