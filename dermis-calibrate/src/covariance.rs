@@ -10,20 +10,20 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct PressInput {
     /// Position, m.
-    pub(crate) position_m: Point3,
+    pub position_m: Point3,
     /// Position of the press before it, m; the [centre](Extent::centre_m) where it is not known.
-    pub(crate) previous_m: Point3,
+    pub previous_m: Point3,
     /// Its number in the recording.
-    pub(crate) number: f64,
+    pub number: f64,
 }
 
 /// Centre and size of the pressed region.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Extent {
     /// Mean position, m.
-    pub(crate) centre_m: Point3,
+    pub centre_m: Point3,
     /// Root mean square distance from the centre, m.
-    pub(crate) radius_m: f64,
+    pub radius_m: f64,
 }
 
 impl Extent {
@@ -58,23 +58,23 @@ impl Extent {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Covariance {
     /// Length of the part of the position, m.
-    pub(crate) position_length_m: f64,
+    pub position_length_m: f64,
     /// Variance of the part of the position.
-    pub(crate) position_variance: f64,
+    pub position_variance: f64,
     /// Length of the part of the position before, m.
-    pub(crate) previous_length_m: f64,
+    pub previous_length_m: f64,
     /// Variance of the part of the position before.
-    pub(crate) previous_variance: f64,
+    pub previous_variance: f64,
     /// Length of the drift, presses.
-    pub(crate) drift_length: f64,
+    pub drift_length: f64,
     /// Variance of the drift.
-    pub(crate) drift_variance: f64,
+    pub drift_variance: f64,
     /// Variance of the constant.
-    pub(crate) constant_variance: f64,
+    pub constant_variance: f64,
     /// Length of the part that the position before shifts, m.
-    pub(crate) shift_length_m: f64,
+    pub shift_length_m: f64,
     /// Variance of the part that the position before shifts, for a position one [radius](Extent::radius_m) off centre.
-    pub(crate) shift_variance: f64,
+    pub shift_variance: f64,
 }
 
 /// Positions that differ by less are one position, m.

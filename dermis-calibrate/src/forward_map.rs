@@ -26,11 +26,11 @@ const ITERATIONS: usize = 30;
 #[derive(Debug, Clone)]
 pub(crate) struct Samples {
     /// Values in units of the channels, presses x channels.
-    pub(crate) values: Mat<f64>,
+    pub values: Mat<f64>,
     /// The press of each row.
-    pub(crate) inputs: Vec<PressInput>,
+    pub inputs: Vec<PressInput>,
     /// Variance of each position per axis, m2; 0 for measured ones.
-    pub(crate) position_variance_m2: Vec<f64>,
+    pub position_variance_m2: Vec<f64>,
 }
 
 impl Samples {
@@ -63,10 +63,10 @@ impl Samples {
 /// the matrix that makes them white.
 #[derive(Debug, Clone)]
 pub(crate) struct Hyperparameters {
-    pub(crate) covariance: Covariance,
-    pub(crate) extent: Extent,
+    pub covariance: Covariance,
+    pub extent: Extent,
     /// Channels x components; whitened values are `values * whitening`.
-    pub(crate) whitening: Mat<f64>,
+    pub whitening: Mat<f64>,
 }
 
 impl Hyperparameters {
@@ -95,13 +95,13 @@ impl Hyperparameters {
 /// The forward map given samples: the mean response at any press, of all channels or of whitened components.
 #[derive(Debug, Clone)]
 pub(crate) struct ForwardMap {
-    pub(crate) covariance: Covariance,
-    pub(crate) extent: Extent,
-    pub(crate) inputs: Vec<PressInput>,
+    pub covariance: Covariance,
+    pub extent: Extent,
+    pub inputs: Vec<PressInput>,
     /// Mean of the samples.
-    pub(crate) mean: Vec<f64>,
+    pub mean: Vec<f64>,
     /// `K^-1 (values - mean)`; presses x channels or components.
-    pub(crate) weights: Mat<f64>,
+    pub weights: Mat<f64>,
 }
 
 impl ForwardMap {

@@ -20,9 +20,9 @@ const MAX_FOR_HYPERPARAMETERS: usize = 300;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Input {
     /// Position, m.
-    pub(crate) position_m: Point3,
+    pub position_m: Point3,
     /// Features; the same number in each input.
-    pub(crate) features: Vec<f64>,
+    pub features: Vec<f64>,
 }
 
 /// A Gaussian process (Rasmussen and Williams 2006, Eq. 2.23 and 2.39): a constant, a linear function of the

@@ -50,9 +50,9 @@ struct Evidence {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LagEvidence {
     /// For each channel the part of its variance that each lag of [`LAGS`] explains.
-    pub(crate) explained: Vec<Vec<f64>>,
+    pub explained: Vec<Vec<f64>>,
     /// For each channel the number of rows by which it is late.
-    pub(crate) lags: Vec<i32>,
+    pub lags: Vec<i32>,
 }
 
 /// The lags that are looked for.

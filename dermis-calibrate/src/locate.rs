@@ -15,11 +15,11 @@ use faer::Mat;
 /// force.
 #[derive(Debug, Clone)]
 pub(crate) struct Setup {
-    pub(crate) region: Region,
+    pub region: Region,
     /// The untouched frame, in units of the channels, with late channels predicted as in single frames.
-    pub(crate) untouched: Vec<f64>,
+    pub untouched: Vec<f64>,
     /// `None` where all presses count as equally strong.
-    pub(crate) strength: Option<Strength>,
+    pub strength: Option<Strength>,
 }
 
 /// A forward map with its response at every node of a region.
@@ -43,7 +43,7 @@ pub(crate) struct Locator {
     /// Variance of the residuals at the nodes: that of the noise, 1, and that of the map.
     variances: Vec<f64>,
     /// Exponent of the likelihood: below 1 where residuals are less independent than their covariance states.
-    pub(crate) temperature: f64,
+    pub temperature: f64,
 }
 
 impl Locator {

@@ -7,9 +7,9 @@ use faer::{Mat, Side};
 #[derive(Debug, Clone)]
 pub(crate) struct Regression {
     /// Inputs x targets.
-    pub(crate) weights: Mat<f64>,
+    pub weights: Mat<f64>,
     /// One offset per target.
-    pub(crate) offsets: Vec<f64>,
+    pub offsets: Vec<f64>,
 }
 
 impl Regression {

@@ -61,9 +61,9 @@ pub(crate) fn has_force(labels: &[Label]) -> bool {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Strength {
     /// Standard deviation of the logarithm of the labels' amplitudes.
-    pub(crate) log_sd: f64,
+    pub log_sd: f64,
     /// Their relation to forces, where these are known.
-    pub(crate) law: Option<ForceLaw>,
+    pub law: Option<ForceLaw>,
 }
 
 /// A power law from the force of a press to the amplitude of its change: `amplitude = (force / typical)^exponent`.
@@ -75,7 +75,7 @@ pub(crate) struct ForceLaw {
     /// Range of the logarithm of the forces: that of the labels, and a factor of [`Forces::EXTRAPOLATION`] on each side.
     range: [f64; 2],
     /// Relative standard deviation of a force: 0 as long as it is not known.
-    pub(crate) relative_sd: f64,
+    pub relative_sd: f64,
 }
 
 impl Strength {

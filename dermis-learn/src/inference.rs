@@ -24,8 +24,8 @@ pub struct Inference {
 /// A dense layer with batch normalisation folded in.
 #[derive(Debug)]
 pub(crate) struct Folded {
-    pub(crate) dense: Dense,
-    pub(crate) relu: bool,
+    pub dense: Dense,
+    pub relu: bool,
 }
 
 #[derive(Debug)]

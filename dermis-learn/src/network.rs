@@ -177,8 +177,8 @@ pub struct Network {
 /// A layer on vectors.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Layer {
-    pub(crate) kind: Kind,
-    pub(crate) relu: bool,
+    pub kind: Kind,
+    pub relu: bool,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -190,21 +190,21 @@ pub(crate) enum Kind {
 /// `y = b + x W`.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Dense {
-    pub(crate) inputs: usize,
-    pub(crate) outputs: usize,
+    pub inputs: usize,
+    pub outputs: usize,
     /// Row-major, inputs x outputs.
-    pub(crate) weight: Vec<f32>,
-    pub(crate) bias: Vec<f32>,
+    pub weight: Vec<f32>,
+    pub bias: Vec<f32>,
 }
 
 /// `y = scale (x - mean) / sqrt(variance + epsilon) + shift`.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct BatchNorm {
-    pub(crate) scale: Vec<f32>,
-    pub(crate) shift: Vec<f32>,
+    pub scale: Vec<f32>,
+    pub shift: Vec<f32>,
     /// Over the batches so far, exponentially weighted.
-    pub(crate) mean: Vec<f32>,
-    pub(crate) variance: Vec<f32>,
+    pub mean: Vec<f32>,
+    pub variance: Vec<f32>,
 }
 
 impl BatchNorm {
@@ -217,17 +217,17 @@ impl BatchNorm {
 /// Convolutions that refine an image.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Refinement {
-    pub(crate) shape: Shape,
-    pub(crate) convolutions: Vec<Convolution>,
+    pub shape: Shape,
+    pub convolutions: Vec<Convolution>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Convolution {
     /// Input and output channels.
-    pub(crate) channels: [usize; 2],
+    pub channels: [usize; 2],
     /// `[tap][input channel][output channel]`.
-    pub(crate) weight: Vec<f32>,
-    pub(crate) bias: Vec<f32>,
+    pub weight: Vec<f32>,
+    pub bias: Vec<f32>,
 }
 
 /// One tensor of a network.

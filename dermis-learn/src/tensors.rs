@@ -19,10 +19,10 @@ pub enum Precision {
 
 /// A tensor to write.
 pub(crate) struct Named<'a> {
-    pub(crate) name: String,
-    pub(crate) shape: Vec<usize>,
-    pub(crate) values: &'a [f32],
-    pub(crate) precision: Precision,
+    pub name: String,
+    pub shape: Vec<usize>,
+    pub values: &'a [f32],
+    pub precision: Precision,
 }
 
 /// Writes tensors and a text under each key of the metadata, completely or not at all.

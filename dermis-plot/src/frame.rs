@@ -153,13 +153,13 @@ pub(crate) fn draw_mark(picture: &mut Picture, [x, y]: Place, radius: f64, mark:
 pub(crate) struct Axis<'a> {
     /// Limits of the axis, the larger one first on a linear axis that counts backwards; their common logarithms on a
     /// logarithmic axis.
-    pub(crate) range: [f64; 2],
+    pub range: [f64; 2],
     /// Whether the axis is logarithmic.
-    pub(crate) logarithmic: bool,
+    pub logarithmic: bool,
     /// The label, with its unit.
-    pub(crate) label: &'a str,
+    pub label: &'a str,
     /// Approximate number of ticks.
-    pub(crate) wanted: usize,
+    pub wanted: usize,
 }
 
 impl Axis<'_> {

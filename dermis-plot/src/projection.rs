@@ -16,11 +16,11 @@ pub(crate) const MARGIN: f64 = 24.0;
 /// A projected tile.
 pub(crate) struct Seen {
     /// Its corners, pixels.
-    pub(crate) places: Vec<Place>,
+    pub places: Vec<Place>,
     /// Its shaded colour.
-    pub(crate) fill: Colour,
+    pub fill: Colour,
     /// The shaded colour of its outline.
-    pub(crate) edge: Option<Colour>,
+    pub edge: Option<Colour>,
     depth: f64,
     /// Bounding box, pixels.
     low: Place,
@@ -41,9 +41,9 @@ pub(crate) enum Light {
 /// A parallel projection of a body.
 pub(crate) struct Projection {
     /// Right, up, and towards the viewer.
-    pub(crate) axes: [Point3; 3],
+    pub axes: [Point3; 3],
     /// Pixels per m.
-    pub(crate) pixels_per_m: f64,
+    pub pixels_per_m: f64,
     low: Place,
     high: Place,
 }

@@ -9,11 +9,11 @@ use dermis::geom::vector::{cross, normalize, sub};
 #[derive(Debug, Clone)]
 pub(crate) struct Tile {
     /// Corners, m.
-    pub(crate) corners: Vec<Point3>,
+    pub corners: Vec<Point3>,
     /// Its colour.
-    pub(crate) fill: Colour,
+    pub fill: Colour,
     /// Colour of its outline, if any.
-    pub(crate) edge: Option<Colour>,
+    pub edge: Option<Colour>,
 }
 
 impl Tile {
@@ -27,26 +27,26 @@ impl Tile {
 #[derive(Debug, Clone)]
 pub(crate) struct Stroke {
     /// Its ends, m.
-    pub(crate) ends: [Point3; 2],
+    pub ends: [Point3; 2],
     /// Outward normal at its position.
-    pub(crate) normal: Point3,
+    pub normal: Point3,
     /// Its colour.
-    pub(crate) colour: Colour,
+    pub colour: Colour,
     /// Its width, pixels.
-    pub(crate) width: f64,
+    pub width: f64,
 }
 
 /// A round mark on the skin.
 #[derive(Debug, Clone)]
 pub(crate) struct Dot {
     /// Position, m.
-    pub(crate) at: Point3,
+    pub at: Point3,
     /// Outward normal at its position.
-    pub(crate) normal: Point3,
+    pub normal: Point3,
     /// Its radius, pixels.
-    pub(crate) radius: f64,
+    pub radius: f64,
     /// Its shape and colour.
-    pub(crate) mark: Mark,
+    pub mark: Mark,
 }
 
 /// A shape of round mark, for dots and for the legend.
@@ -70,17 +70,17 @@ pub(crate) enum Mark {
 #[derive(Debug, Clone)]
 pub(crate) struct Label {
     /// Position, m.
-    pub(crate) at: Point3,
+    pub at: Point3,
     /// Outward normal at its position.
-    pub(crate) normal: Point3,
+    pub normal: Point3,
     /// Its text.
-    pub(crate) text: String,
+    pub text: String,
     /// Extent of the labelled object from there, m.
-    pub(crate) reach_m: f64,
+    pub reach_m: f64,
     /// Its position.
-    pub(crate) position: LabelPosition,
+    pub position: LabelPosition,
     /// Text size, pixels.
-    pub(crate) size: f64,
+    pub size: f64,
 }
 
 /// The position of a label relative to its object.

@@ -35,11 +35,11 @@ static FONTS: LazyLock<Arc<usvg::fontdb::Database>> = LazyLock::new(|| {
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Style {
     /// Colour inside.
-    pub(crate) fill: Option<Colour>,
+    pub fill: Option<Colour>,
     /// Colour and width of the outline, pixels.
-    pub(crate) stroke: Option<(Colour, f64)>,
+    pub stroke: Option<(Colour, f64)>,
     /// Length of dashes, pixels.
-    pub(crate) dash: Option<f64>,
+    pub dash: Option<f64>,
 }
 
 impl Style {
@@ -93,15 +93,15 @@ pub(crate) enum Anchor {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Text {
     /// Font size, pixels.
-    pub(crate) size: f64,
+    pub size: f64,
     /// Colour.
-    pub(crate) colour: Colour,
+    pub colour: Colour,
     /// The anchor.
-    pub(crate) anchor: Anchor,
+    pub anchor: Anchor,
     /// Rotated by 90 degrees, to be read upwards.
-    pub(crate) upwards: bool,
+    pub upwards: bool,
     /// A white outline, for text on images.
-    pub(crate) rim: bool,
+    pub rim: bool,
 }
 
 impl Text {

@@ -19,15 +19,15 @@ use std::sync::Arc;
 /// A method with its name in tables and pictures.
 pub(crate) struct Named {
     /// Its identifier, also used in file names: "noser".
-    pub(crate) key: String,
+    pub key: String,
     /// Its name in tables and pictures: "linear, NOSER".
-    pub(crate) name: String,
+    pub name: String,
     /// The method.
-    pub(crate) method: Method,
+    pub method: Method,
     /// The card of a network.
-    pub(crate) card: Option<Card>,
+    pub card: Option<Card>,
     /// Identifies the method among others of the same name: its alpha or its weights.
-    pub(crate) identity: String,
+    pub identity: String,
 }
 
 /// The linear methods of the paper, by their names in the registry and in tables: NOSER, and the Laplace prior, which
@@ -103,17 +103,17 @@ pub(crate) fn shipped_networks(skin: &Skin) -> Result<Vec<Named>> {
 /// The results of one method on some presses.
 pub(crate) struct Shown {
     /// The method's name in tables and pictures.
-    pub(crate) name: String,
+    pub name: String,
     /// The same with its alpha, if any.
-    pub(crate) how: String,
+    pub how: String,
     /// The image of each frame.
-    pub(crate) images: Vec<Image>,
+    pub images: Vec<Image>,
     /// Quantity of their values.
-    pub(crate) quantity: Quantity,
+    pub quantity: Quantity,
     /// The detected contacts of each image.
-    pub(crate) contacts: Vec<Vec<Contact>>,
+    pub contacts: Vec<Vec<Contact>>,
     /// The score.
-    pub(crate) score: Score,
+    pub score: Score,
 }
 
 impl Shown {

@@ -14,9 +14,9 @@ use dermis_sim::evaluate::match_contacts;
 /// A skin for pictures of experiments.
 pub(crate) struct Plots<'a> {
     /// The skin.
-    pub(crate) design: &'a SkinDesign,
+    pub design: &'a SkinDesign,
     /// Its mesh.
-    pub(crate) mesh: &'a Mesh,
+    pub mesh: &'a Mesh,
     drawing: Drawing<'a>,
 }
 

@@ -26,13 +26,13 @@ const WITHOUT_WEIGHT: f64 = 1e6;
 #[derive(Debug, Clone)]
 pub(super) struct Data {
     /// Ohm, over the factor.
-    pub(crate) values: Vec<f64>,
+    pub values: Vec<f64>,
     /// Standard deviation of each value about the model, ohm.
-    pub(crate) sd: Vec<f64>,
+    pub sd: Vec<f64>,
     /// Ohm of the frame per ohm of the design.
-    pub(crate) scale: f64,
+    pub scale: f64,
     /// Noise of one frame.
-    pub(crate) noise: ChannelNoise,
+    pub noise: ChannelNoise,
 }
 
 impl Data {

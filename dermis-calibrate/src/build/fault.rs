@@ -62,9 +62,9 @@ const FACTOR_SD: f64 = std::f64::consts::LN_2;
 #[derive(Debug, Clone)]
 pub(super) struct Network {
     /// `T`, electrodes x electrodes, ohm; with zeros for the first electrode.
-    pub(crate) impedance: Matrix,
+    pub impedance: Matrix,
     /// `W`: a change `dT` of the sound skin changes `T` by `W dT W'`.
-    pub(crate) passed: Matrix,
+    pub passed: Matrix,
     /// The factor of each drive's values.
     gains: Vec<f64>,
     /// The electrodes without connection.

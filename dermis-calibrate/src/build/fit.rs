@@ -59,29 +59,29 @@ pub(super) struct Model {
 #[derive(Debug, Clone)]
 pub(super) struct Fit {
     /// The faults, with their sizes.
-    pub(crate) faults: Vec<Fault>,
+    pub faults: Vec<Fault>,
     /// The unknowns of the skin.
-    pub(crate) x: Vec<f64>,
+    pub x: Vec<f64>,
     /// Logarithm of the probability of the frame.
     log_evidence: f64,
     /// Channels without open electrodes.
     used: usize,
     /// Root mean square of residuals and unknowns over what is expected: 1 for a skin that the model describes.
-    pub(crate) misfit: f64,
+    pub misfit: f64,
     /// What the fit leaves of each channel, in standard deviations; 0 for those of open electrodes.
-    pub(crate) residuals: Vec<f64>,
+    pub residuals: Vec<f64>,
     /// The impedances of the skin without faults of the wires, ohm.
-    pub(crate) impedance: Matrix,
+    pub impedance: Matrix,
     /// The derivatives of the channels.
-    pub(crate) linear: Linear,
+    pub linear: Linear,
 }
 
 /// The derivatives of the weighted channels, channels x unknowns, and the normal matrix `1 + A'A` with its factor.
 #[derive(Debug, Clone)]
 pub(super) struct Linear {
-    pub(crate) a: Matrix,
+    pub a: Matrix,
     normal: Matrix,
-    pub(crate) factor: Cholesky,
+    pub factor: Cholesky,
 }
 
 impl Model {

@@ -100,11 +100,11 @@ impl Coordinates {
 /// Frames with the positions of their presses.
 pub(crate) struct Labelled<'a> {
     /// The frames in standardised units, rows x channels of the design.
-    pub(crate) values: &'a Mat<f64>,
+    pub values: &'a Mat<f64>,
     /// The position of the press of each frame on the skin, m.
-    pub(crate) positions_m: &'a [Point3],
+    pub positions_m: &'a [Point3],
     /// Channels of the design that are compared.
-    pub(crate) channels: &'a [usize],
+    pub channels: &'a [usize],
 }
 
 /// Other axes of the positions, with which the frames fit the model clearly better.

@@ -17,16 +17,16 @@ const MAX_TOUCHES: usize = 1200;
 #[derive(Clone)]
 pub(crate) struct ModelChannels {
     /// Values of the untouched skin, ohm; amplitudes where the protocol says so.
-    pub(crate) untouched: Vec<f64>,
+    pub untouched: Vec<f64>,
     /// Changes of the channels by a touch at each of many places, touches x channels, ohm per relative change of the
     /// conductance.
-    pub(crate) touches: Mat<f64>,
+    pub touches: Mat<f64>,
     /// Where they are, m.
-    pub(crate) places_m: Vec<Point3>,
+    pub places_m: Vec<Point3>,
     /// Signs that [`untouched`](Self::untouched) has lost: 1 or -1.
     signs: Vec<f64>,
     /// Correlation of the channels over the touches.
-    pub(crate) correlation: Mat<f64>,
+    pub correlation: Mat<f64>,
 }
 
 impl ModelChannels {

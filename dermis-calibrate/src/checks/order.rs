@@ -35,9 +35,9 @@ const MIN_EXCHANGE: f64 = 0.02;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Score {
     /// Cosine of the untouched frame with that of the model; 0 without one.
-    pub(crate) untouched: f64,
+    pub untouched: f64,
     /// Cosine of the correlations of the channels with those of the model; 0 where there are too few rows.
-    pub(crate) changes: f64,
+    pub changes: f64,
 }
 
 impl Score {
@@ -70,9 +70,9 @@ pub(crate) fn driven(protocol: &Protocol) -> Vec<bool> {
 /// An order that fits better than that of the design.
 pub(crate) struct BetterOrder {
     /// The order.
-    pub(crate) order: Order,
+    pub order: Order,
     /// Its score.
-    pub(crate) score: Score,
+    pub score: Score,
 }
 
 impl<'a> Matcher<'a> {

@@ -34,11 +34,11 @@ pub(crate) enum Change {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Order {
     /// What differs from the design; empty for its own order.
-    pub(crate) changes: Vec<Change>,
+    pub changes: Vec<Change>,
     /// For each channel of the design its column in the file.
-    pub(crate) columns: Vec<usize>,
+    pub columns: Vec<usize>,
     /// For each channel of the design the factor on its value in the file, 1 or -1.
-    pub(crate) signs: Vec<f64>,
+    pub signs: Vec<f64>,
 }
 
 impl Order {

@@ -126,9 +126,9 @@ pub(crate) fn turned_correlations(
 /// Channels whose sign is turned.
 pub(crate) struct Turned {
     /// The channels, ascending.
-    pub(crate) channels: Vec<usize>,
+    pub channels: Vec<usize>,
     /// The smallest cosine of a drive with the others, before any was turned.
-    pub(crate) worst: f64,
+    pub worst: f64,
 }
 
 /// Turns the groups of channels that fit worst, one after the other. Returns the score of the first.
@@ -167,11 +167,11 @@ fn score(group: &[usize], signs: &[f64], correlation: &Mat<f64>, model: &ModelCh
 /// How well single touches of the model fit the frames, with their sign and with the opposite.
 pub(crate) struct TouchFit {
     /// Mean over the frames of the largest cosine with a touch.
-    pub(crate) same: f64,
+    pub same: f64,
     /// The same for touches of the opposite sign.
-    pub(crate) opposite: f64,
+    pub opposite: f64,
     /// Part of the frames that the opposite sign fits better.
-    pub(crate) opposite_part: f64,
+    pub opposite_part: f64,
 }
 
 impl TouchFit {

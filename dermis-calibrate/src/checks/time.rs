@@ -20,11 +20,11 @@ const RIDGE: f64 = 1e-2;
 /// How a recording changes over its rows.
 pub(crate) struct Course {
     /// For each channel the part of its variance between blocks of rows, less what chance explains.
-    pub(crate) drift: Vec<f64>,
+    pub drift: Vec<f64>,
     /// Mean of the leading component in each of many blocks of rows, in its standard deviations: first row, mean.
-    pub(crate) trend: Vec<[f64; 2]>,
+    pub trend: Vec<[f64; 2]>,
     /// Part of the leading components that the row before explains.
-    pub(crate) memory: f64,
+    pub memory: f64,
 }
 
 /// The course of a recording (standardised, rows x channels); `None` for few rows.

@@ -101,11 +101,11 @@ impl FaultKind {
 /// A fault of the campaign.
 #[derive(Debug, Clone)]
 pub(super) struct Drawn {
-    pub(crate) kind: FaultKind,
-    pub(crate) begin_s: f64,
-    pub(crate) end_s: f64,
+    pub kind: FaultKind,
+    pub begin_s: f64,
+    pub end_s: f64,
     /// The faults of the device, two for a loose electrode: it is mended.
-    pub(crate) faults: Vec<TimedFault>,
+    pub faults: Vec<TimedFault>,
 }
 
 impl Drawn {

@@ -171,15 +171,15 @@ const NOISE_STREAM: u64 = 1 << 60;
 /// The readings of a frame that a fault changes.
 pub(super) struct FaultyReadings<'a> {
     /// The readings, counts.
-    pub(crate) counts: &'a mut [i32],
+    pub counts: &'a mut [i32],
     /// Their meaning.
-    pub(crate) roles: &'a [Role],
+    pub roles: &'a [Role],
     /// The highest count.
-    pub(crate) full_scale: i32,
+    pub full_scale: i32,
     /// Seed and number of the frame, for noise.
-    pub(crate) seed: u64,
+    pub seed: u64,
     /// Number of the frame.
-    pub(crate) index: u64,
+    pub index: u64,
 }
 
 impl ReadingFault {

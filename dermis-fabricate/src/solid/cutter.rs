@@ -10,9 +10,9 @@ use std::f64::consts::TAU;
 /// A frame: origin and two unit vectors at right angles; the third is their vector product.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Frame {
-    pub(crate) origin: Point3,
-    pub(crate) u: Point3,
-    pub(crate) v: Point3,
+    pub origin: Point3,
+    pub u: Point3,
+    pub v: Point3,
 }
 
 impl Frame {

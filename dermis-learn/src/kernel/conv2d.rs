@@ -18,11 +18,11 @@ const TOGETHER: usize = 15;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Shape {
     /// Rows.
-    pub(crate) rows: usize,
+    pub rows: usize,
     /// Columns.
-    pub(crate) columns: usize,
+    pub columns: usize,
     /// Whether the last column is adjacent to the first.
-    pub(crate) is_ring: bool,
+    pub is_ring: bool,
 }
 
 impl Shape {
@@ -80,19 +80,19 @@ impl Shape {
 #[derive(Debug)]
 pub(crate) struct Wide<'a> {
     /// The shape of the images.
-    pub(crate) shape: Shape,
+    pub shape: Shape,
     /// With border.
-    pub(crate) input: &'a [f32],
+    pub input: &'a [f32],
     /// Channels of the input and the output.
-    pub(crate) channels: [usize; 2],
+    pub channels: [usize; 2],
     /// `[tap][input channel][output channel]`.
-    pub(crate) weight: &'a [f32],
+    pub weight: &'a [f32],
     /// One for each output channel, or none.
-    pub(crate) bias: Option<&'a [f32]>,
+    pub bias: Option<&'a [f32]>,
     /// With border; the border is not written.
-    pub(crate) output: &'a mut [f32],
+    pub output: &'a mut [f32],
     /// The function applied to a sum before it is stored.
-    pub(crate) last: Last<'a>,
+    pub last: Last<'a>,
 }
 
 /// The function applied to a sum.
@@ -208,17 +208,17 @@ impl<S: Simd> Block<'_, S> {
 #[derive(Debug)]
 pub(crate) struct Narrow<'a> {
     /// The shape of the images.
-    pub(crate) shape: Shape,
+    pub shape: Shape,
     /// With border.
-    pub(crate) input: &'a [f32],
+    pub input: &'a [f32],
     /// Channels of the input and the output.
-    pub(crate) channels: [usize; 2],
+    pub channels: [usize; 2],
     /// `[output channel][tap][input channel]`.
-    pub(crate) weight: &'a [f32],
+    pub weight: &'a [f32],
     /// One for each output channel, or none.
-    pub(crate) bias: Option<&'a [f32]>,
+    pub bias: Option<&'a [f32]>,
     /// With border; the border is not written.
-    pub(crate) output: &'a mut [f32],
+    pub output: &'a mut [f32],
 }
 
 impl WithSimd for Narrow<'_> {
@@ -255,15 +255,15 @@ impl WithSimd for Narrow<'_> {
 #[derive(Debug)]
 pub(crate) struct WeightGradient<'a> {
     /// The shape of the images.
-    pub(crate) shape: Shape,
+    pub shape: Shape,
     /// With border.
-    pub(crate) input: &'a [f32],
+    pub input: &'a [f32],
     /// With border, with the output's channels.
-    pub(crate) error: &'a [f32],
+    pub error: &'a [f32],
     /// Channels of the input and the output.
-    pub(crate) channels: [usize; 2],
+    pub channels: [usize; 2],
     /// `[tap][input channel][output channel]`.
-    pub(crate) gradient: &'a mut [f32],
+    pub gradient: &'a mut [f32],
 }
 
 impl WithSimd for WeightGradient<'_> {

@@ -40,15 +40,15 @@ pub(crate) fn product_with_transpose(out: &mut [f32], left: &[f32], right: &[f32
 #[derive(Debug)]
 pub(crate) struct RowProduct<'a> {
     /// One value per row of the weight.
-    pub(crate) input: &'a [f32],
+    pub input: &'a [f32],
     /// Row-major, inputs x outputs.
-    pub(crate) weight: &'a [f32],
+    pub weight: &'a [f32],
     /// One value per output.
-    pub(crate) bias: &'a [f32],
+    pub bias: &'a [f32],
     /// Whether a rectifier follows.
-    pub(crate) relu: bool,
+    pub relu: bool,
     /// One value per output.
-    pub(crate) output: &'a mut [f32],
+    pub output: &'a mut [f32],
 }
 
 impl WithSimd for RowProduct<'_> {

@@ -32,17 +32,17 @@ impl AdamOptions {
 #[derive(Debug)]
 pub(crate) struct AdamStep<'a> {
     /// Parameters of Adam.
-    pub(crate) options: AdamOptions,
+    pub options: AdamOptions,
     /// The corrected learning rate.
-    pub(crate) rate: f32,
+    pub rate: f32,
     /// The trained values.
-    pub(crate) values: &'a mut [f32],
+    pub values: &'a mut [f32],
     /// The gradient of the loss with respect to each value.
-    pub(crate) gradient: &'a [f32],
+    pub gradient: &'a [f32],
     /// Moving average of the gradient.
-    pub(crate) mean: &'a mut [f32],
+    pub mean: &'a mut [f32],
     /// Moving average of its square.
-    pub(crate) square: &'a mut [f32],
+    pub square: &'a mut [f32],
 }
 
 impl WithSimd for AdamStep<'_> {

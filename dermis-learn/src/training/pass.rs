@@ -23,16 +23,16 @@ pub(crate) struct Pass {
     next_error: Vec<f32>,
     parts: Vec<Part>,
     /// The gradient of the loss with respect to each trained tensor.
-    pub(crate) gradient: Vec<Vec<f32>>,
+    pub gradient: Vec<Vec<f32>>,
 }
 
 /// Inputs and targets of a batch.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Batch<'a> {
     /// Inputs, rows x inputs.
-    pub(crate) inputs: &'a [f32],
+    pub inputs: &'a [f32],
     /// Targets, rows x outputs.
-    pub(crate) targets: &'a [f32],
+    pub targets: &'a [f32],
 }
 
 /// Work memory of one thread for the refinement of some rows.

@@ -38,12 +38,12 @@ pub struct Trainer<'a> {
 /// The complete state that is needed to continue training.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct State {
-    pub(crate) network: Network,
-    pub(crate) input: Input,
+    pub network: Network,
+    pub input: Input,
     /// Adam's means and mean squares of each trained tensor.
-    pub(crate) moments: Vec<[Vec<f32>; 2]>,
-    pub(crate) steps: u64,
-    pub(crate) epochs: Vec<Epoch>,
+    pub moments: Vec<[Vec<f32>; 2]>,
+    pub steps: u64,
+    pub epochs: Vec<Epoch>,
 }
 
 impl<'a> Trainer<'a> {

@@ -13,7 +13,7 @@ use std::time::Duration;
 #[derive(Debug, Clone, Default)]
 pub(crate) struct DeviceClock {
     /// Only the first message is set to the host's clock: the device may be slower than real time.
-    pub(crate) is_free: bool,
+    pub is_free: bool,
     /// Host time minus device time at the smallest delay, ns, and the device time of that message, us.
     least: Option<(i128, u64)>,
     /// Time since which messages are late by more than one second.

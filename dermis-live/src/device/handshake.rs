@@ -16,21 +16,21 @@ use std::time::{Duration, Instant};
 /// The result of a handshake; the device is ready to start.
 pub(super) struct Connected {
     /// Its hello, after the configuration.
-    pub(crate) hello: Vec<u8>,
+    pub hello: Vec<u8>,
     /// A notice for the user.
-    pub(crate) notice: Option<Notice>,
+    pub notice: Option<Notice>,
     /// The sequence number of its self-test frame.
-    pub(crate) tested: Option<u32>,
+    pub tested: Option<u32>,
 }
 
 /// A handshake in progress.
 pub(super) struct Handshake<'a> {
-    pub(crate) address: &'a Address,
-    pub(crate) line: &'a mut dyn Line,
-    pub(crate) decoder: &'a mut Decoder<Vec<u8>>,
-    pub(crate) skin: &'a Skin,
-    pub(crate) scan: &'a ScanTable,
-    pub(crate) options: DeviceOptions,
+    pub address: &'a Address,
+    pub line: &'a mut dyn Line,
+    pub decoder: &'a mut Decoder<Vec<u8>>,
+    pub skin: &'a Skin,
+    pub scan: &'a ScanTable,
+    pub options: DeviceOptions,
 }
 
 /// Time to wait for an answer, in addition to the transmission time, before the request is repeated.

@@ -249,9 +249,9 @@ impl RowClock {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct RowMessage {
     /// Number of the row.
-    pub(crate) sequence: u64,
+    pub sequence: u64,
     /// Its values, ohm.
-    pub(crate) values_ohm: Vec<f64>,
+    pub values_ohm: Vec<f64>,
 }
 
 impl RowMessage {

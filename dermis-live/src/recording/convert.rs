@@ -53,23 +53,23 @@ pub fn convert(path: &Path, folder: &Path) -> Result<Converted, RecordError> {
 /// Data small enough to keep in memory while the file is read.
 #[derive(Default)]
 pub(super) struct Columns {
-    pub(crate) sequences: Vec<u32>,
-    pub(crate) measured_ns: Vec<u64>,
-    pub(crate) output_ns: Vec<u64>,
+    pub sequences: Vec<u32>,
+    pub measured_ns: Vec<u64>,
+    pub output_ns: Vec<u64>,
     /// The frame of each contact.
-    pub(crate) contact_frames: Vec<u64>,
+    pub contact_frames: Vec<u64>,
     /// The bytes of each contact, in the order of [`CONTACT_COLUMNS`].
-    pub(crate) contacts: Vec<Vec<[u8; 4]>>,
+    pub contacts: Vec<Vec<[u8; 4]>>,
 }
 
 /// A complete frame.
 pub(super) struct Row {
-    pub(crate) sequence: u32,
-    pub(crate) measured_ns: u64,
-    pub(crate) output_ns: u64,
-    pub(crate) values: Image,
-    pub(crate) image: Image,
-    pub(crate) contacts: PointCloud2,
+    pub sequence: u32,
+    pub measured_ns: u64,
+    pub output_ns: u64,
+    pub values: Image,
+    pub image: Image,
+    pub contacts: PointCloud2,
 }
 
 /// Reads a recording frame by frame.
@@ -77,7 +77,7 @@ pub(super) struct Rows {
     messages: Messages,
     values: Option<(mcap::records::MessageHeader, Image)>,
     image: Option<Image>,
-    pub(crate) left_out: Vec<String>,
+    pub left_out: Vec<String>,
 }
 
 impl Rows {

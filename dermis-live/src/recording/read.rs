@@ -137,7 +137,7 @@ pub(super) enum ReadItem {
 /// The messages of a recording with their topics.
 pub(super) struct Messages {
     path: PathBuf,
-    pub(crate) walk: Walk<Input>,
+    pub walk: Walk<Input>,
     topics: HashMap<u16, Option<Topic>>,
 }
 

@@ -31,11 +31,11 @@ pub(super) struct Source<R> {
 /// The bytes before the next place from which on a file can be read.
 pub(super) struct Skipped {
     /// The first of them, as many as were wanted.
-    pub(crate) first: Vec<u8>,
+    pub first: Vec<u8>,
     /// Their number.
-    pub(crate) bytes: u64,
+    pub bytes: u64,
     /// What begins after them; `None` if they extend to the end of the file.
-    pub(crate) found: Option<Next>,
+    pub found: Option<Next>,
 }
 
 /// What begins after skipped bytes.

@@ -23,8 +23,8 @@ const PIECE: usize = 1 << 14;
 /// A tensor's name, shape and values, row-major.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Tensor {
-    pub(crate) name: String,
-    pub(crate) shape: Vec<usize>,
+    pub name: String,
+    pub shape: Vec<usize>,
     pub values: Vec<f32>,
 }
 
@@ -32,11 +32,11 @@ pub(super) struct Tensor {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Label {
     /// The dataset's identity: the SHA-256 of its record.
-    pub(crate) dataset: String,
+    pub dataset: String,
     /// Number of its first sample.
-    pub(crate) first_sample: u64,
+    pub first_sample: u64,
     /// SHA-256 of all bytes after the header.
-    pub(crate) sha256: String,
+    pub sha256: String,
 }
 
 /// The header of some tensors, padded so that the values start at a multiple of eight bytes.

@@ -54,10 +54,10 @@ enum SampleMaker<'a> {
 #[derive(Debug)]
 pub(super) struct Rows<'a> {
     /// One for each sample; empty if all samples are of one skin.
-    pub(crate) rest: &'a mut [f32],
-    pub(crate) frames: &'a mut [f32],
-    pub(crate) images: &'a mut [f32],
-    pub(crate) touches: &'a mut [f32],
+    pub rest: &'a mut [f32],
+    pub frames: &'a mut [f32],
+    pub images: &'a mut [f32],
+    pub touches: &'a mut [f32],
 }
 
 impl Generator {

@@ -43,12 +43,12 @@ pub(super) struct SkinMaker {
 /// One skin.
 #[derive(Debug)]
 pub(super) struct Skin {
-    pub(crate) forward: ForwardModel,
+    pub forward: ForwardModel,
     /// The displacement of each node, in the coordinates in which distances along the surface are straight-line
     /// distances, m.
-    pub(crate) shifts_m: Vec<[f64; 2]>,
+    pub shifts_m: Vec<[f64; 2]>,
     /// Random numbers for all other differences.
-    pub(crate) seed: u64,
+    pub seed: u64,
 }
 
 impl SkinMaker {
@@ -222,8 +222,8 @@ fn followers(design: &SkinDesign, mesh: &Mesh, rms_m: f64) -> Result<Vec<Vec<(us
 /// The current skin of a thread.
 #[derive(Debug)]
 pub(super) struct SkinInstance {
-    pub(crate) index: u64,
-    pub(crate) skin: Skin,
+    pub index: u64,
+    pub skin: Skin,
     solver: Solver,
 }
 

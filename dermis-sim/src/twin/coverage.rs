@@ -29,7 +29,7 @@ const USUAL_PIECES: usize = 24;
 #[derive(Debug, Clone)]
 pub(super) struct Cover {
     /// Points in the chart with their areas, m2.
-    pub(crate) points: Vec<(Point2, f64)>,
+    pub points: Vec<(Point2, f64)>,
     /// Shared by all rectangles.
     functions: Arc<Functions>,
 }

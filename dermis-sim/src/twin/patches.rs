@@ -148,11 +148,11 @@ impl PatchOptions {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Lines {
     /// Start of the first interval, m.
-    pub(crate) start_m: f64,
-    pub(crate) pitch_m: f64,
-    pub(crate) count: usize,
+    pub start_m: f64,
+    pub pitch_m: f64,
+    pub count: usize,
     /// The period of a closed axis.
-    pub(crate) period_m: Option<f64>,
+    pub period_m: Option<f64>,
     /// Whether the lines cover the body.
     covers: bool,
     /// Number of the first line in an endless lattice that moves with the offset: even lines stay even.

@@ -41,23 +41,23 @@ works, not that this skin is better than that one.";
 /// The demo's experiment and its results.
 pub(super) struct Demo {
     /// The paper's skin.
-    pub(crate) skin: Skin,
+    pub skin: Skin,
     /// Number of nodes of the simulation mesh.
-    pub(crate) simulation_nodes: usize,
+    pub simulation_nodes: usize,
     /// Seed of the noise.
-    pub(crate) seed: u64,
+    pub seed: u64,
     /// Sensitivity of the frame to each pixel, per area.
-    pub(crate) sensitivity: Vec<f64>,
+    pub sensitivity: Vec<f64>,
     /// True positions of the touches in each frame.
-    pub(crate) truth: Vec<Vec<Contact>>,
+    pub truth: Vec<Vec<Contact>>,
     /// The results of each method.
-    pub(crate) shown: Vec<Shown>,
+    pub shown: Vec<Shown>,
     /// Four simultaneous touches, as in the paper's Fig. 9.
-    pub(crate) four_truth: Vec<Contact>,
+    pub four_truth: Vec<Contact>,
     /// The results of each method on that frame.
-    pub(crate) four: Vec<Shown>,
+    pub four: Vec<Shown>,
     /// Total time, s.
-    pub(crate) seconds: f64,
+    pub seconds: f64,
 }
 
 impl Demo {

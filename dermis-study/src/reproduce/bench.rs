@@ -16,25 +16,25 @@ use std::sync::Arc;
 /// A nominal skin and its twins.
 pub(super) struct Bench<'a> {
     /// The nominal skin; methods have no other information on the twins.
-    pub(crate) skin: Skin,
+    pub skin: Skin,
     /// The distribution of the twins.
-    pub(crate) twin: &'a TwinOptions,
+    pub twin: &'a TwinOptions,
     /// Receives the progress of long computations.
-    pub(crate) progress: &'a dyn Progress,
+    pub progress: &'a dyn Progress,
 }
 
 /// Results of pressing one twin.
 pub(super) struct Pressed {
     /// The frames of its instrument.
-    pub(crate) recording: Recording,
+    pub recording: Recording,
     /// True positions of the touches in each frame.
-    pub(crate) truth: Vec<Vec<Contact>>,
+    pub truth: Vec<Vec<Contact>>,
     /// Differences of further untouched frames from the baseline.
-    pub(crate) untouched: Vec<Frame>,
+    pub untouched: Vec<Frame>,
     /// Number of nodes of its mesh.
-    pub(crate) nodes: usize,
+    pub nodes: usize,
     /// Readings out of the range of the converter in the untouched frames of the baseline.
-    pub(crate) saturated_readings: usize,
+    pub saturated_readings: usize,
 }
 
 impl Bench<'_> {

@@ -21,11 +21,11 @@ const EXPLAINED_SEED: u64 = 3002;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct TwinFigures {
     /// The twin's seed.
-    pub(crate) seed: u64,
+    pub seed: u64,
     /// Every figure of [`figures`] by its key, SI units.
-    pub(crate) figures: BTreeMap<String, Option<f64>>,
+    pub figures: BTreeMap<String, Option<f64>>,
     /// Distance of two touches (m) and the fraction of resolved pairs.
-    pub(crate) two_resolved: Vec<(f64, f64)>,
+    pub two_resolved: Vec<(f64, f64)>,
 }
 
 impl TwinFigures {
@@ -48,15 +48,15 @@ impl TwinFigures {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Benchmarked {
     /// The method's identifier.
-    pub(crate) key: String,
+    pub key: String,
     /// The method's name in tables and pictures.
-    pub(crate) name: String,
+    pub name: String,
     /// Its alpha, if it has one.
-    pub(crate) alpha: Option<f64>,
+    pub alpha: Option<f64>,
     /// Fraction of the variance of Gaussian touches that its images do not explain, with noise and one optimal gain.
-    pub(crate) unexplained: Option<f64>,
+    pub unexplained: Option<f64>,
     /// The figures of each twin.
-    pub(crate) twins: Vec<TwinFigures>,
+    pub twins: Vec<TwinFigures>,
 }
 
 impl Benchmarked {

@@ -36,58 +36,58 @@ struct ScoredPress {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Structure {
     /// The design's identifier.
-    pub(crate) design: String,
+    pub design: String,
     /// The method's identifier.
-    pub(crate) method: String,
+    pub method: String,
     /// Its alpha, if it has one.
-    pub(crate) alpha: Option<f64>,
+    pub alpha: Option<f64>,
     /// Number of presses on all twins.
-    pub(crate) presses: usize,
+    pub presses: usize,
     /// Presses without a contact within the gate.
-    pub(crate) misses: usize,
+    pub misses: usize,
     /// Fraction of missed presses in the middle third of the length.
-    pub(crate) missed_middle: f64,
+    pub missed_middle: f64,
     /// Contacts without a press.
-    pub(crate) false_positives: usize,
+    pub false_positives: usize,
     /// Readings out of the range of the converter in a hundred untouched frames of each twin.
-    pub(crate) saturated_readings: usize,
+    pub saturated_readings: usize,
     /// Distance of contacts from their presses, m.
-    pub(crate) localisation: MeanSd,
+    pub localisation: MeanSd,
     /// The same in the middle third of the length.
-    pub(crate) localisation_middle: MeanSd,
+    pub localisation_middle: MeanSd,
     /// The same within 20 mm of the cut, on both sides.
-    pub(crate) localisation_cut: MeanSd,
+    pub localisation_cut: MeanSd,
     /// Spread of the peak per newton: standard deviation divided by mean.
-    pub(crate) sensitivity_spread: f64,
+    pub sensitivity_spread: f64,
     /// Mean peak per newton in the middle third of the length, divided by that in the outer thirds.
-    pub(crate) sensitivity_middle: f64,
+    pub sensitivity_middle: f64,
     /// Mean axial error towards the middle of the cylinder, m; negative is outwards.
-    pub(crate) bias_along_m: f64,
+    pub bias_along_m: f64,
     /// Mean circumferential error away from the cut, m.
-    pub(crate) bias_round_m: f64,
+    pub bias_round_m: f64,
     /// Mean axial error within 20 mm of a rim, m.
-    pub(crate) bias_along_near_rims_m: f64,
+    pub bias_along_near_rims_m: f64,
     /// Mean circumferential error within 20 mm of the cut, m.
-    pub(crate) bias_round_near_cut_m: f64,
+    pub bias_round_near_cut_m: f64,
     /// Mean axial error of the centroid of the whole image (Eq. 11) towards the middle of the cylinder, m.
-    pub(crate) eq11_bias_along_m: f64,
+    pub eq11_bias_along_m: f64,
     /// The same in the circumferential direction, away from the cut.
-    pub(crate) eq11_bias_round_m: f64,
+    pub eq11_bias_round_m: f64,
     /// Mean signed error (m, positive towards larger z) by z (m).
-    pub(crate) along_profile_m: Vec<[f64; 2]>,
+    pub along_profile_m: Vec<[f64; 2]>,
     /// Mean signed error (m, positive towards a larger arc) by the arc from the cut (m).
-    pub(crate) round_profile_m: Vec<[f64; 2]>,
+    pub round_profile_m: Vec<[f64; 2]>,
 }
 
 /// Mean and standard deviation; zero without values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct MeanSd {
     /// Number of values.
-    pub(crate) count: usize,
+    pub count: usize,
     /// Their mean.
-    pub(crate) mean: f64,
+    pub mean: f64,
     /// Their standard deviation.
-    pub(crate) sd: f64,
+    pub sd: f64,
 }
 
 impl MeanSd {

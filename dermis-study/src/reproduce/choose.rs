@@ -16,18 +16,18 @@ const QUARTER_POWERS: std::ops::RangeInclusive<i32> = -6..=4;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct Tried {
     /// Alpha.
-    pub(crate) alpha: f64,
+    pub alpha: f64,
     /// Mean distance of a press from its contact, m; a miss or a false positive counts as the gate of 20 mm.
-    pub(crate) cost_m: f64,
+    pub cost_m: f64,
 }
 
 /// All tested alphas of each linear method, and the best one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Choice {
     /// Best alpha of each method of [`LINEAR`].
-    pub(crate) alphas: Vec<f64>,
+    pub alphas: Vec<f64>,
     /// All tested alphas of each method.
-    pub(crate) tried: Vec<Vec<Tried>>,
+    pub tried: Vec<Vec<Tried>>,
 }
 
 impl Choice {

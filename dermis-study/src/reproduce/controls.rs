@@ -8,19 +8,19 @@ use std::f64::consts::TAU;
 /// A design that differs from the design under study in one aspect.
 pub(super) struct Control {
     /// Its identifier.
-    pub(crate) key: &'static str,
+    pub key: &'static str,
     /// Its name in tables and pictures.
-    pub(crate) name: &'static str,
+    pub name: &'static str,
     /// The design.
-    pub(crate) design: SkinDesign,
+    pub design: SkinDesign,
 }
 
 /// The design under study and its controls, and the angle of the cut.
 pub(super) struct Controls {
     /// The designs; the first is the design under study.
-    pub(crate) designs: Vec<Control>,
+    pub designs: Vec<Control>,
     /// Angle of the cut, rad; as far as possible from all electrodes.
-    pub(crate) cut_rad: f64,
+    pub cut_rad: f64,
 }
 
 /// The design under study and its controls.

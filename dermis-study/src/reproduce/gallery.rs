@@ -25,25 +25,25 @@ const SAMPLE_TOUCHES: usize = 3;
 /// The data of the pictures.
 pub(super) struct Gallery {
     /// The first reported twin, pressed on the grid.
-    pub(crate) pressed: Pressed,
+    pub pressed: Pressed,
     /// The results of each method.
-    pub(crate) shown: Vec<Shown>,
+    pub shown: Vec<Shown>,
     /// Four simultaneous touches and the results of each method; `None` on a body that is not a cylinder.
-    pub(crate) four: Option<(Vec<Contact>, Vec<Shown>)>,
+    pub four: Option<(Vec<Contact>, Vec<Shown>)>,
     /// A training sample.
-    pub(crate) sample: TrainingSample,
+    pub sample: TrainingSample,
     /// Median time from a difference to contacts for each method, frame by frame on one thread, s.
-    pub(crate) seconds_a_frame: Vec<f64>,
+    pub seconds_a_frame: Vec<f64>,
 }
 
 /// A training sample.
 pub(super) struct TrainingSample {
     /// The frame minus the untouched one, ohm.
-    pub(crate) difference: Vec<f64>,
+    pub difference: Vec<f64>,
     /// The relative change of conductance.
-    pub(crate) image: Image,
+    pub image: Image,
     /// The touches.
-    pub(crate) touches: Vec<Contact>,
+    pub touches: Vec<Contact>,
 }
 
 impl Gallery {

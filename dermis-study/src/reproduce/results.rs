@@ -15,29 +15,29 @@ use serde::Serialize;
 /// All results of a reproduction.
 pub(super) struct Results<'a> {
     /// Its scale.
-    pub(crate) scale: Scale,
+    pub scale: Scale,
     /// The skin and its twins.
-    pub(crate) bench: &'a Bench<'a>,
+    pub bench: &'a Bench<'a>,
     /// The methods, in the order of all tables.
-    pub(crate) methods: &'a [Named],
+    pub methods: &'a [Named],
     /// The choice of alpha for the linear methods.
-    pub(crate) choice: &'a Choice,
+    pub choice: &'a Choice,
     /// Benchmark of every method on the reported twins.
-    pub(crate) assessed: Vec<Benchmarked>,
+    pub assessed: Vec<Benchmarked>,
     /// The data of the pictures.
-    pub(crate) gallery: Gallery,
+    pub gallery: Gallery,
     /// The controls; `None` for a design without controls.
-    pub(crate) structure: Option<StructureStudy>,
+    pub structure: Option<StructureStudy>,
 }
 
 /// The design under study and its controls.
 pub(super) struct StructureStudy {
     /// The designs; the first is the design under study.
-    pub(crate) designs: Vec<Control>,
+    pub designs: Vec<Control>,
     /// The angle of the cut, rad.
-    pub(crate) cut_rad: f64,
+    pub cut_rad: f64,
     /// Results of each method on each design.
-    pub(crate) structures: Vec<Structure>,
+    pub structures: Vec<Structure>,
 }
 
 impl StructureStudy {

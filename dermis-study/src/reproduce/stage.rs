@@ -13,9 +13,9 @@ use std::time::Instant;
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Done {
     /// Description.
-    pub(crate) stage: String,
+    pub stage: String,
     /// Duration, s; nearly zero if its results were saved before.
-    pub(crate) seconds: f64,
+    pub seconds: f64,
 }
 
 /// The stages of a run and their durations.

@@ -17,18 +17,18 @@ pub(super) struct Row {
     #[serde(skip_serializing)]
     key: String,
     /// The quantity, with its unit.
-    pub(crate) what: String,
+    pub what: String,
     /// The section of the paper; empty where it has no such figure.
     #[serde(default)]
-    pub(crate) paper_section: String,
+    pub paper_section: String,
     /// The values in the paper, one per column of its table; a dash where there is no value.
     #[serde(default = "not_in_the_paper")]
-    pub(crate) paper: Vec<String>,
+    pub paper: Vec<String>,
     /// The values of the reproduction, one per column of its table.
     #[serde(skip_deserializing)]
-    pub(crate) ours: Vec<String>,
+    pub ours: Vec<String>,
     /// The differences between the paper and the reproduction.
-    pub(crate) differs: String,
+    pub differs: String,
 }
 
 /// The rows of `stated.toml`.

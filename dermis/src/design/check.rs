@@ -9,9 +9,9 @@ use std::f64::consts::PI;
 
 /// The errors of a design, and their places.
 pub(super) struct Problem {
-    pub(crate) place: Place,
-    pub(crate) message: String,
-    pub(crate) fix: Option<String>,
+    pub place: Place,
+    pub message: String,
+    pub fix: Option<String>,
 }
 
 pub(super) fn problem(place: Place, message: impl Into<String>) -> Problem {

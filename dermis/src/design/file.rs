@@ -12,8 +12,8 @@ use toml::Spanned;
 /// A value and its place in the file.
 #[derive(Debug, Clone)]
 pub(super) struct At<T> {
-    pub(crate) value: T,
-    pub(crate) span: Range<usize>,
+    pub value: T,
+    pub span: Range<usize>,
 }
 
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for At<T> {
@@ -46,21 +46,21 @@ impl<T: JsonSchema> JsonSchema for At<T> {
 #[cfg_attr(feature = "schema", schemars(title = "Dermis skin design"))]
 pub(super) struct DesignFile {
     /// Name for tables and plots; default: the file name.
-    pub(crate) name: Option<At<String>>,
+    pub name: Option<At<String>>,
     /// The body that the skin covers.
-    pub(crate) body: At<BodyTable>,
+    pub body: At<BodyTable>,
     /// The conductive coating.
-    pub(crate) sheet: At<SheetTable>,
+    pub sheet: At<SheetTable>,
     /// The electrodes.
-    pub(crate) electrodes: At<ElectrodesTable>,
+    pub electrodes: At<ElectrodesTable>,
     /// The order of a frame's values.
-    pub(crate) protocol: At<ProtocolTable>,
+    pub protocol: At<ProtocolTable>,
     /// The image to reconstruct; default: a grid of 30 x 30, on a mesh body patches.
-    pub(crate) image: Option<At<ImageTable>>,
+    pub image: Option<At<ImageTable>>,
     /// Resolution of the generated mesh; default: chosen from the sizes of the body and the electrodes.
-    pub(crate) mesh: Option<At<MeshTable>>,
+    pub mesh: Option<At<MeshTable>>,
     /// What a workshop makes: base, fabric patches, foam; every key has a default.
-    pub(crate) fabrication: Option<At<FabricationTable>>,
+    pub fabrication: Option<At<FabricationTable>>,
 }
 
 /// The body that the skin covers.
@@ -113,14 +113,14 @@ pub(super) enum TouchName {
 #[serde(deny_unknown_fields)]
 pub(super) struct SheetTable {
     /// Sheet resistance of a surface, ohm per square.
-    pub(crate) sheet_resistance_ohm: Option<At<f64>>,
+    pub sheet_resistance_ohm: Option<At<f64>>,
     /// Conductivity of a volume (a mesh of tetrahedra), S/m; in place of the sheet resistance.
-    pub(crate) conductivity_s_per_m: Option<At<f64>>,
+    pub conductivity_s_per_m: Option<At<f64>>,
     /// The sign of the conductance change under touch.
-    pub(crate) touch: TouchName,
+    pub touch: TouchName,
     /// Regions with another conductance; where they overlap, the last one applies.
     #[serde(default)]
-    pub(crate) regions: Vec<At<RegionTable>>,
+    pub regions: Vec<At<RegionTable>>,
 }
 
 /// A named region of the sheet with its own conductance.
@@ -129,15 +129,15 @@ pub(super) struct SheetTable {
 #[serde(deny_unknown_fields)]
 pub(super) struct RegionTable {
     /// Its name; without a box, the physical group of that name in the mesh file.
-    pub(crate) name: String,
+    pub name: String,
     /// Sheet resistance in the region, ohm per square.
-    pub(crate) sheet_resistance_ohm: Option<At<f64>>,
+    pub sheet_resistance_ohm: Option<At<f64>>,
     /// Conductivity in the region, S/m; in place of the sheet resistance.
-    pub(crate) conductivity_s_per_m: Option<At<f64>>,
+    pub conductivity_s_per_m: Option<At<f64>>,
     /// Lower corner of a box, m: (z, s = radius * theta) on a cylinder, (x, y) on a flat skin.
-    pub(crate) low_m: Option<At<[f64; 2]>>,
+    pub low_m: Option<At<[f64; 2]>>,
     /// Upper corner of the box, m.
-    pub(crate) high_m: Option<At<[f64; 2]>>,
+    pub high_m: Option<At<[f64; 2]>>,
 }
 
 /// One number for all, or a list with one for each.
@@ -157,13 +157,13 @@ pub(super) enum OneOrEach {
 #[serde(deny_unknown_fields)]
 pub(super) struct ElectrodesTable {
     /// The shape of each electrode.
-    pub(crate) shape: At<ShapeTable>,
+    pub shape: At<ShapeTable>,
     /// The positions of the electrodes.
-    pub(crate) layout: At<LayoutTable>,
+    pub layout: At<LayoutTable>,
     /// Contact impedance of discs and of groups of faces, ohm m2: one number, or one for each electrode.
-    pub(crate) contact_impedance_ohm_m2: Option<At<OneOrEach>>,
+    pub contact_impedance_ohm_m2: Option<At<OneOrEach>>,
     /// Contact impedance of arcs and of groups of edges, ohm m: one number, or one for each electrode.
-    pub(crate) contact_impedance_ohm_m: Option<At<OneOrEach>>,
+    pub contact_impedance_ohm_m: Option<At<OneOrEach>>,
 }
 
 /// The shape of an electrode.
@@ -274,15 +274,15 @@ pub(super) enum Direction {
 #[serde(deny_unknown_fields)]
 pub(super) struct PositionTable {
     /// Along x, m.
-    pub(crate) x_m: Option<f64>,
+    pub x_m: Option<f64>,
     /// Along y, m.
-    pub(crate) y_m: Option<f64>,
+    pub y_m: Option<f64>,
     /// Along z, m.
-    pub(crate) z_m: Option<f64>,
+    pub z_m: Option<f64>,
     /// Angle around a cylinder, rad.
-    pub(crate) theta_rad: Option<f64>,
+    pub theta_rad: Option<f64>,
     /// The shape of this electrode, if it differs from the others.
-    pub(crate) shape: Option<ShapeTable>,
+    pub shape: Option<ShapeTable>,
 }
 
 /// The order of a frame's values.
@@ -291,16 +291,16 @@ pub(super) struct PositionTable {
 #[serde(deny_unknown_fields)]
 pub(super) struct ProtocolTable {
     /// The drive and measure pattern.
-    pub(crate) pattern: At<PatternTable>,
+    pub pattern: At<PatternTable>,
     /// The instrument reports amplitudes: the signs are lost and are restored from the model.
     #[serde(default)]
-    pub(crate) amplitude_only: bool,
+    pub amplitude_only: bool,
     /// The start of the measure pairs of a drive.
     #[serde(default)]
-    pub(crate) measures_start: MeasuresStart,
+    pub measures_start: MeasuresStart,
     /// Read V[m + 1] - V[m] in place of V[m] - V[m + 1].
     #[serde(default)]
-    pub(crate) measures_reversed: bool,
+    pub measures_reversed: bool,
 }
 
 /// The drive and measure pattern.
@@ -358,13 +358,13 @@ pub(super) enum ImageTable {
 #[serde(deny_unknown_fields)]
 pub(super) struct MeshTable {
     /// Longest edge allowed, m.
-    pub(crate) max_edge_m: Option<At<f64>>,
+    pub max_edge_m: Option<At<f64>>,
     /// Length of the edges along an electrode's outline, m.
-    pub(crate) electrode_edge_m: Option<At<f64>>,
+    pub electrode_edge_m: Option<At<f64>>,
     /// Growth of the edge length per distance from the nearest electrode outline.
-    pub(crate) growth: Option<At<f64>>,
+    pub growth: Option<At<f64>>,
     /// Whether forward models correct the error of the mesh at the ends of arcs.
-    pub(crate) correct_arc_ends: Option<bool>,
+    pub correct_arc_ends: Option<bool>,
 }
 
 /// What a workshop makes: the printed base under the coat, the fabric patches and the foam over it.
@@ -373,34 +373,34 @@ pub(super) struct MeshTable {
 #[serde(deny_unknown_fields)]
 pub(super) struct FabricationTable {
     /// Thickness of the base below the coat, m; default: 0.005.
-    pub(crate) wall_m: Option<At<f64>>,
+    pub wall_m: Option<At<f64>>,
     /// Diameter of the bore below each electrode, m; default: 0.003.
-    pub(crate) bore_m: Option<At<f64>>,
+    pub bore_m: Option<At<f64>>,
     /// Width of the wire channels in the inner face of the base, m; default: 0.003.
-    pub(crate) channel_width_m: Option<At<f64>>,
+    pub channel_width_m: Option<At<f64>>,
     /// Depth of the wire channels, m; 0: none; default: 0.002.
-    pub(crate) channel_depth_m: Option<At<f64>>,
+    pub channel_depth_m: Option<At<f64>>,
     /// Length by which the base continues beyond the edges of the coat, m; 0: none; default: 0.
-    pub(crate) flange_m: Option<At<f64>>,
+    pub flange_m: Option<At<f64>>,
     /// Pitch of the fabric patches, m; on a body it is rounded so that a whole number of patches fits; default: 0.010.
-    pub(crate) patch_pitch_m: Option<At<f64>>,
+    pub patch_pitch_m: Option<At<f64>>,
     /// Width of the gaps between patches, m; default: 0.001.
-    pub(crate) patch_gap_m: Option<At<f64>>,
+    pub patch_gap_m: Option<At<f64>>,
     /// Thickness of the foam, m; default: 0.002.
-    pub(crate) foam_thickness_m: Option<At<f64>>,
+    pub foam_thickness_m: Option<At<f64>>,
     /// Width of the cut of the laser or knife, m; default: 0.0002.
-    pub(crate) kerf_m: Option<At<f64>>,
+    pub kerf_m: Option<At<f64>>,
     /// Angle at which the patterns of a cylinder are cut open, rad; default: 0.
-    pub(crate) seam_theta_rad: Option<At<f64>>,
+    pub seam_theta_rad: Option<At<f64>>,
     /// Width by which the foam and the drill template pass beyond the seam of a cylinder, m; default: 0.
-    pub(crate) overlap_m: Option<At<f64>>,
+    pub overlap_m: Option<At<f64>>,
     /// Relative standard deviation of the sheet resistance that a coat reaches; default: 0.2.
-    pub(crate) sheet_spread: Option<At<f64>>,
+    pub sheet_spread: Option<At<f64>>,
     /// Relative standard deviation of the contact impedances, one from the other; default: 0.3.
-    pub(crate) contact_spread: Option<At<f64>>,
+    pub contact_spread: Option<At<f64>>,
     /// Multiplexers of 32 inputs on each of the four lines; default: as many as needed.
-    pub(crate) multiplexers: Option<At<usize>>,
+    pub multiplexers: Option<At<usize>>,
     /// Place of each electrode on the multiplexers: 32 times the multiplexer, and its input; default: the electrode's
     /// number, and one more from 31 on, where the reference resistor is.
-    pub(crate) inputs: Option<At<Vec<usize>>>,
+    pub inputs: Option<At<Vec<usize>>>,
 }

@@ -6,11 +6,11 @@ use crate::image::Image;
 #[derive(Debug, Clone)]
 pub(super) struct Basin {
     /// The highest pixel.
-    pub(crate) peak: usize,
+    pub peak: usize,
     /// Its value.
-    pub(crate) height: f64,
+    pub height: f64,
     /// Its pixels of positive value, the highest first.
-    pub(crate) pixels: Vec<usize>,
+    pub pixels: Vec<usize>,
 }
 
 /// The positive peaks of an image, the highest first.

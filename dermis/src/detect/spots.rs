@@ -13,11 +13,11 @@ use crate::image::{Image, PixelSpace};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Spot {
     /// The pixel where it was found.
-    pub(crate) pixel: usize,
+    pub pixel: usize,
     /// Its position.
-    pub(crate) centre_m: Point3,
+    pub centre_m: Point3,
     /// Its height.
-    pub(crate) height: f64,
+    pub height: f64,
 }
 
 /// Maximum number of rounds in which all spots are fitted in turn after each new one.

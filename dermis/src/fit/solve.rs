@@ -23,7 +23,7 @@ const MIN_GROUP: usize = 3;
 /// The mean of the frames, and what is known of its channels.
 pub(super) struct Data {
     /// The channels in use.
-    pub(crate) channels: Vec<usize>,
+    pub channels: Vec<usize>,
     values: Vec<f64>,
     /// Standard deviation of one frame, of each group.
     frame_noise_ohm: [f64; 2],
@@ -37,9 +37,9 @@ pub(super) struct Data {
 
 /// Unknowns with their standard deviations.
 pub(super) struct Estimate {
-    pub(crate) unknowns: Vec<f64>,
+    pub unknowns: Vec<f64>,
     /// Standard deviations; `NaN` for unknowns that were kept.
-    pub(crate) sd: Vec<f64>,
+    pub sd: Vec<f64>,
     /// The mean of the frames minus the model.
     residuals: Vec<f64>,
     /// Variance of the model in each group.

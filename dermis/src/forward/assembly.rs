@@ -12,7 +12,7 @@ const UNSET: usize = usize::MAX;
 /// The system's pattern, and each entry as `fixed + sum of coefficient * conductivity[cell]`.
 #[derive(Debug, Clone)]
 pub(super) struct Assembly {
-    pub(crate) pattern: Arc<Pattern>,
+    pub pattern: Arc<Pattern>,
     fixed: Vec<f64>,
     /// One for each of the pattern's terms.
     coefficients: Vec<f64>,
@@ -22,9 +22,9 @@ pub(super) struct Assembly {
 #[derive(Debug)]
 pub(super) struct Pattern {
     /// Unknown of each node: the interior ones first, then one per electrode; a point electrode is its node.
-    pub(crate) unknown_of_node: Vec<usize>,
-    pub(crate) unknown_count: usize,
-    pub(crate) entries: Vec<[usize; 2]>,
+    pub unknown_of_node: Vec<usize>,
+    pub unknown_count: usize,
+    pub entries: Vec<[usize; 2]>,
     /// Where each entry's terms start.
     starts: Vec<usize>,
     /// The cell of each term.

@@ -7,8 +7,8 @@ use std::path::Path;
 
 /// A CSV file's header, if it has one, and its rows of numbers with the line of each.
 pub(super) struct Rows {
-    pub(crate) header: Option<Vec<String>>,
-    pub(crate) rows: Vec<(usize, Vec<f64>)>,
+    pub header: Option<Vec<String>>,
+    pub rows: Vec<(usize, Vec<f64>)>,
 }
 
 /// Reads rows of numbers, separated by semicolons (then with decimal points or commas), by commas, by tabs, or by spaces. Empty

@@ -8,8 +8,8 @@ const MAGIC: &[u8] = b"\x93NUMPY";
 /// An array in C order.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Array {
-    pub(crate) shape: Vec<usize>,
-    pub(crate) values: Vec<f64>,
+    pub shape: Vec<usize>,
+    pub values: Vec<f64>,
 }
 
 /// Whether some bytes are an NPY file.

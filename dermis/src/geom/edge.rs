@@ -12,9 +12,9 @@ pub(crate) struct Edge {
     /// z of a cylinder's rim.
     z: f64,
     /// Its length, m.
-    pub(crate) length: f64,
+    pub length: f64,
     /// Arc lengths of the corners of the curve.
-    pub(crate) corners: Vec<f64>,
+    pub corners: Vec<f64>,
 }
 
 impl Edge {

@@ -24,9 +24,9 @@ const STEP: f64 = 1e-4;
 #[derive(Debug, Clone)]
 pub(super) struct Displacement {
     /// The electrode and its direction in the surface's chart; `None` for a change of size.
-    pub(crate) electrode: Option<(usize, [f64; 2])>,
+    pub electrode: Option<(usize, [f64; 2])>,
     /// Standard deviation of its prior.
-    pub(crate) sd: f64,
+    pub sd: f64,
     /// The nodes that move, with their displacements in the surface's chart for a displacement by one unit.
     nodes: Vec<(usize, [f64; 2])>,
 }

@@ -23,25 +23,25 @@ impl Symbolic {
 #[derive(Debug, Clone)]
 pub(crate) struct SparseColumns {
     /// The unknowns of the rows, each once.
-    pub(crate) unknowns: Vec<usize>,
+    pub unknowns: Vec<usize>,
     /// Their values, unknowns x columns.
-    pub(crate) values: Matrix,
+    pub values: Matrix,
 }
 
 /// The supernodes that right-hand sides reach, in the order of elimination.
 #[derive(Debug, Default)]
 pub(super) struct Path {
-    pub(crate) steps: Vec<Step>,
+    pub steps: Vec<Step>,
     /// Columns eliminated by all steps together.
-    pub(crate) height: usize,
+    pub height: usize,
 }
 
 /// One supernode of a path.
 #[derive(Debug)]
 pub(super) struct Step {
-    pub(crate) supernode: usize,
+    pub supernode: usize,
     /// Its columns among those of all steps.
-    pub(crate) columns: Range<usize>,
+    pub columns: Range<usize>,
     /// The first so many right-hand sides may be nonzero here, the others are zero.
     active: usize,
 }
@@ -93,14 +93,14 @@ impl Path {
 /// `X = L^-1 b` on the eliminated unknowns, and the contribution to the kept ones.
 #[derive(Debug, Default)]
 pub(super) struct Substituted {
-    pub(crate) path: Path,
+    pub path: Path,
     /// `X`, the columns of the path x right-hand sides; below it `b_k - A_ki A_ii^-1 b_i`, kept unknowns x right-hand
     /// sides.
-    pub(crate) solution: Rows,
+    pub solution: Rows,
     /// Right-hand sides, filled up to whole vectors of any instruction set.
-    pub(crate) width: usize,
+    pub width: usize,
     /// The first row of `X` that is not zero, for each right-hand side.
-    pub(crate) starts: Vec<usize>,
+    pub starts: Vec<usize>,
 }
 
 impl Substituted {

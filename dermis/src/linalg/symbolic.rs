@@ -19,17 +19,17 @@ const MERGE_WIDE: f64 = 0.05;
 #[derive(Debug, Clone)]
 pub(super) struct Supernode {
     /// First column and one past the last, in elimination order.
-    pub(crate) columns: std::ops::Range<usize>,
+    pub columns: std::ops::Range<usize>,
     /// The rows below, in elimination order, as a range of [`Symbolic::rows`].
-    pub(crate) rows: std::ops::Range<usize>,
+    pub rows: std::ops::Range<usize>,
     /// Where its `height x width` column-major block starts in the factor's values.
-    pub(crate) start: usize,
+    pub start: usize,
     /// The entries of the matrix that belong to its front, as a range of [`Symbolic::entry_plan`].
-    pub(crate) entries: std::ops::Range<usize>,
+    pub entries: std::ops::Range<usize>,
     /// Its children, as a range of [`Symbolic::children`]; in the order in which their updates were pushed.
-    pub(crate) children: std::ops::Range<usize>,
+    pub children: std::ops::Range<usize>,
     /// The positions of its rows in its parent's front, as a range of [`Symbolic::row_in_parent`].
-    pub(crate) row_in_parent: std::ops::Range<usize>,
+    pub row_in_parent: std::ops::Range<usize>,
 }
 
 impl Supernode {

@@ -13,10 +13,10 @@ pub(super) const ROWS: usize = 4;
 /// A dense matrix, row-major, with rows filled up to whole vectors of any instruction set.
 #[derive(Debug, Clone)]
 pub(super) struct Rows {
-    pub(crate) values: AlignedVec,
+    pub values: AlignedVec,
     /// Numbers per row: whole cache lines, but not a multiple of eight of them, so that a column's rows are in many sets
     /// of a cache.
-    pub(crate) stride: usize,
+    pub stride: usize,
 }
 
 impl Default for Rows {

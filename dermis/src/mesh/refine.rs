@@ -8,9 +8,9 @@ use std::collections::HashMap;
 #[derive(Debug)]
 pub(crate) struct Refined {
     /// The finer mesh; the first nodes are those of the coarse one.
-    pub(crate) mesh: Mesh,
+    pub mesh: Mesh,
     /// The coarse cell that contains each cell.
-    pub(crate) parents: Vec<usize>,
+    pub parents: Vec<usize>,
 }
 
 impl Refined {

@@ -59,22 +59,22 @@ struct Hold {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ChannelNoise<'a> {
     /// Standard deviation of each channel, ohm.
-    pub(crate) sd_ohm: &'a [f64],
+    pub sd_ohm: &'a [f64],
     /// Channels that are masked.
-    pub(crate) masked: &'a [bool],
+    pub masked: &'a [bool],
 }
 
 /// A frame with its contacts.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TouchedFrame<'a> {
     /// Its values, ohm.
-    pub(crate) values_ohm: &'a [f64],
+    pub values_ohm: &'a [f64],
     /// Positions of its contacts, m.
-    pub(crate) positions_m: &'a [Point3],
+    pub positions_m: &'a [Point3],
     /// Its time, s on the clock of the frames.
-    pub(crate) time_s: f64,
+    pub time_s: f64,
     /// Time since the last frame, s.
-    pub(crate) step_s: f64,
+    pub step_s: f64,
 }
 
 impl Baseline {

@@ -38,13 +38,13 @@ pub(super) fn modes_of(modes: &Matrix, rest_ohm: &[f64]) -> Matrix {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct FitQuestion {
     /// The untouched frame, ohm.
-    pub(crate) rest_ohm: Vec<f64>,
+    pub rest_ohm: Vec<f64>,
     /// Positions of the contacts, m.
-    pub(crate) positions_m: Vec<Point3>,
+    pub positions_m: Vec<Point3>,
     /// Standard deviation of the noise of each channel, ohm.
-    pub(crate) sd_ohm: Vec<f64>,
+    pub sd_ohm: Vec<f64>,
     /// Channels that are masked.
-    pub(crate) masked: Vec<bool>,
+    pub masked: Vec<bool>,
 }
 
 /// Computes the maps from frames to drift, or uses one that was computed elsewhere. A map depends only on its input.

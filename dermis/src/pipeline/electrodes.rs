@@ -203,35 +203,35 @@ struct Electrode {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Change {
     /// The electrode.
-    pub(crate) electrode: usize,
+    pub electrode: usize,
     /// Its new state.
-    pub(crate) state: ElectrodeState,
+    pub state: ElectrodeState,
 }
 
 /// The context for the noise measurement of a frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NoiseFrame<'a> {
     /// Whether there is no touch.
-    pub(crate) untouched: bool,
+    pub untouched: bool,
     /// Channels that are masked.
-    pub(crate) masked: &'a [bool],
+    pub masked: &'a [bool],
     /// Drives whose current is wrong.
-    pub(crate) sick_drives: &'a [bool],
+    pub sick_drives: &'a [bool],
     /// Time since the last frame, s.
-    pub(crate) step_s: f64,
+    pub step_s: f64,
 }
 
 /// The context for the contact resistances of a frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ContactFrame<'a> {
     /// The difference from the baseline, ohm.
-    pub(crate) difference: &'a [f64],
+    pub difference: &'a [f64],
     /// Drives whose current is wrong.
-    pub(crate) sick_drives: &'a [bool],
+    pub sick_drives: &'a [bool],
     /// Whether the frame before was untouched.
-    pub(crate) is_untouched: bool,
+    pub is_untouched: bool,
     /// Time of the frame, s.
-    pub(crate) time_s: f64,
+    pub time_s: f64,
 }
 
 impl ElectrodeMonitor {

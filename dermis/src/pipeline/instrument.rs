@@ -71,24 +71,24 @@ pub(super) struct InstrumentMonitor {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Findings {
     /// Why the frame cannot be used at all.
-    pub(crate) reason: Option<InvalidReason>,
+    pub reason: Option<InvalidReason>,
     /// Drives whose current is wrong.
-    pub(crate) drives: Vec<bool>,
+    pub drives: Vec<bool>,
     /// Channels whose reading is wrong.
-    pub(crate) channels: Vec<bool>,
+    pub channels: Vec<bool>,
     /// The difference of the frame from the baseline, ohm.
-    pub(crate) change_ohm: Vec<f64>,
+    pub change_ohm: Vec<f64>,
     /// The frame is too noisy to judge drives, channels and electrodes.
-    pub(crate) is_noisy: bool,
+    pub is_noisy: bool,
 }
 
 /// Drives and channels that cannot be judged because of their electrodes.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Unjudged {
     /// Drives of electrodes that are out: their loops measure the contact.
-    pub(crate) drives: Vec<bool>,
+    pub drives: Vec<bool>,
     /// Channels of electrodes that are not in use: they can saturate.
-    pub(crate) channels: Vec<bool>,
+    pub channels: Vec<bool>,
 }
 
 /// How the values of a frame have jumped.

@@ -30,11 +30,11 @@ const HEALTH_FRAMES: u64 = 12;
 /// The time of a frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct FrameTime {
-    pub(crate) at: Timestamp,
+    pub at: Timestamp,
     /// Time since the first frame, s.
-    pub(crate) time_s: f64,
+    pub time_s: f64,
     /// Time since the last frame, s; 0 after a gap.
-    pub(crate) step_s: f64,
+    pub step_s: f64,
 }
 
 impl Pipeline {

@@ -35,11 +35,11 @@ const ENDED_JUDGEMENTS: u32 = 6;
 
 /// The contacts of a frame.
 pub(super) struct Outcome {
-    pub(crate) validity: Validity,
-    pub(crate) touched: Option<bool>,
-    pub(crate) contacts: Vec<TrackedContact>,
+    pub validity: Validity,
+    pub touched: Option<bool>,
+    pub contacts: Vec<TrackedContact>,
     /// The baseline is that of a touched skin.
-    pub(crate) tare_again: bool,
+    pub tare_again: bool,
 }
 
 impl Outcome {

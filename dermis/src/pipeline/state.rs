@@ -57,36 +57,36 @@ pub(super) enum Phase {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Reading {
-    pub(crate) baseline: Baseline,
+    pub baseline: Baseline,
     #[serde(rename = "watch")]
-    pub(crate) electrodes: ElectrodeMonitor,
+    pub electrodes: ElectrodeMonitor,
     #[serde(rename = "alarm")]
-    pub(crate) touch_detector: TouchDetector,
+    pub touch_detector: TouchDetector,
     /// Whether presses look like those of the calibration.
     #[serde(default)]
-    pub(crate) novelty: NoveltyMonitor,
+    pub novelty: NoveltyMonitor,
     #[serde(default)]
-    pub(crate) instrument: InstrumentMonitor,
+    pub instrument: InstrumentMonitor,
     #[serde(default)]
-    pub(crate) trials: TrialMeans,
+    pub trials: TrialMeans,
     #[serde(default)]
-    pub(crate) masked_time: MaskedTime,
+    pub masked_time: MaskedTime,
     /// Differences of the tare's frames from their mean, ohm.
-    pub(crate) untouched: Vec<Vec<f64>>,
+    pub untouched: Vec<Vec<f64>>,
     /// Their mean, ohm; empty in older states.
     #[serde(default)]
-    pub(crate) rest_ohm: Vec<f64>,
+    pub rest_ohm: Vec<f64>,
     /// Since when the frames are touched, by either test, s.
     #[serde(default)]
-    pub(crate) felt_since_s: Option<f64>,
+    pub felt_since_s: Option<f64>,
     /// How often in a row the change was the end of a touch.
     #[serde(default)]
-    pub(crate) ended_judgements: u32,
+    pub ended_judgements: u32,
     /// Start of the time without a touch, s.
-    pub(crate) quiet_since_s: Option<f64>,
+    pub quiet_since_s: Option<f64>,
     /// Start of the time in which frames differ from the baseline without a contact, s.
     #[serde(rename = "puzzled_since_s")]
-    pub(crate) unexplained_since_s: Option<f64>,
+    pub unexplained_since_s: Option<f64>,
 }
 
 /// The time in which channels are masked.
@@ -113,11 +113,11 @@ impl MaskedTime {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Marks {
     /// All of them.
-    pub(crate) masked: Vec<bool>,
+    pub masked: Vec<bool>,
     /// Those that are not on trial.
-    pub(crate) blocked: Vec<bool>,
+    pub blocked: Vec<bool>,
     /// Those of parts that are confirmed as bad.
-    pub(crate) confirmed: Vec<bool>,
+    pub confirmed: Vec<bool>,
 }
 
 impl State {

@@ -4,9 +4,9 @@
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Statistics {
     /// The means.
-    pub(crate) mean: Vec<f64>,
+    pub mean: Vec<f64>,
     /// The variances, not defined for fewer than two frames.
-    pub(crate) variance: Vec<f64>,
+    pub variance: Vec<f64>,
 }
 
 impl Statistics {

@@ -24,9 +24,9 @@ const REPLACED: usize = 4;
 
 /// Frames of a tare that make a baseline.
 pub(super) struct Tared {
-    pub(crate) frames: Vec<Measurement>,
+    pub frames: Vec<Measurement>,
     /// What is to be said of them.
-    pub(crate) doubt: Option<Finding>,
+    pub doubt: Option<Finding>,
 }
 
 /// Why frames of a tare make no baseline.

@@ -41,14 +41,14 @@ const MAX_TOUCHES: usize = 16;
 /// A touch: the unknowns of the fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Touch {
-    pub(crate) place: Place,
-    pub(crate) form: Form,
+    pub place: Place,
+    pub form: Form,
     /// The logarithm of the strength, m2.
-    pub(crate) log_strength: f64,
+    pub log_strength: f64,
     /// The uneven part of the tensor of conductance: along the first axis less along the second, and along both.
-    pub(crate) uneven: Point2,
+    pub uneven: Point2,
     /// The contact that it is of, if it was detected.
-    pub(crate) of: Option<usize>,
+    pub of: Option<usize>,
 }
 
 impl Touch {
@@ -71,7 +71,7 @@ impl Touch {
 /// Touches with the values that they leave.
 #[derive(Debug, Clone)]
 pub(super) struct State {
-    pub(crate) touches: Vec<Touch>,
+    pub touches: Vec<Touch>,
     responses: Vec<Response>,
     residuals: Vec<f64>,
     cost: f64,
@@ -80,23 +80,23 @@ pub(super) struct State {
 /// Touches at the minimum, with the covariance of their unknowns.
 #[derive(Debug, Clone)]
 pub(super) struct Fitted {
-    pub(crate) state: State,
+    pub state: State,
     /// The information about all unknowns, and its inverse.
     information: Matrix,
     covariance: Matrix,
     /// Twice the negative logarithm of the probability of the frame and these touches, up to a constant.
-    pub(crate) evidence: f64,
+    pub evidence: f64,
 }
 
 /// The data of a fit.
 #[derive(Clone, Copy)]
 pub(super) struct Fit<'a> {
-    pub(crate) responses: &'a Responses,
-    pub(crate) options: &'a RefineOptions,
+    pub responses: &'a Responses,
+    pub options: &'a RefineOptions,
     /// The whitened values.
-    pub(crate) values: &'a [f64],
+    pub values: &'a [f64],
     /// One over the variance of a value: noise and misfit.
-    pub(crate) weight: f64,
+    pub weight: f64,
 }
 
 impl LeastSquares for Fit<'_> {

@@ -27,20 +27,20 @@ const REACH: f64 = 4.0;
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Form {
     /// The logarithm of the width over the usual one.
-    pub(crate) log_width: f64,
+    pub log_width: f64,
     /// The vector of the segment, m: its angle is twice that of the segment in the axes of the place.
-    pub(crate) oblong_m: Point2,
+    pub oblong_m: Point2,
 }
 
 /// The density of a form and its derivatives, in the axes of a place.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Density {
     /// Half length of the segment, m.
-    pub(crate) half_length_m: f64,
+    pub half_length_m: f64,
     /// Variance across the segment, m2.
-    pub(crate) variance_m2: f64,
+    pub variance_m2: f64,
     /// Cosine and sine of the angle of the segment.
-    pub(crate) axis: Point2,
+    pub axis: Point2,
     /// Cosine and sine of twice that angle, and the length of the vector, m.
     double: Point2,
     radius_m: f64,

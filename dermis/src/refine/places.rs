@@ -9,11 +9,11 @@ use crate::mesh::Mesh;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Place {
     /// The point, m.
-    pub(crate) point_m: Point3,
+    pub point_m: Point3,
     /// The same in the chart, m; zero without one.
-    pub(crate) unrolled: Point2,
+    pub unrolled: Point2,
     /// Unit vectors: two in the tangent plane, and the outward normal.
-    pub(crate) axes: [Point3; 3],
+    pub axes: [Point3; 3],
 }
 
 /// The places of a body: of its chart, or of the triangles of its mesh with their planes.

@@ -41,10 +41,10 @@ pub(super) const COLUMNS: usize = 8;
 pub(super) struct Response {
     /// By column, the values: for the even tensor and the two uneven ones, then the derivatives of the touch with its own
     /// tensor by the centre (two, per m), the logarithm of the width, the vector of the segment (two, per m).
-    pub(crate) columns: [Vec<f64>; COLUMNS],
+    pub columns: [Vec<f64>; COLUMNS],
     /// The covariance of the centre, m2, by independent changes of the conductance of unit area: of the first axis, of both,
     /// of the second.
-    pub(crate) grain_m2: [f64; 3],
+    pub grain_m2: [f64; 3],
 }
 
 /// The responses of one skin with one noise.

@@ -24,7 +24,7 @@ pub(super) const STEADY: Manner = Manner { acceleration_m_s2: 0.5, jitter_m: 0.0
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Motion {
     /// Position, m.
-    pub(crate) position_m: Point3,
+    pub position_m: Point3,
     /// In the chart of the surface (around and along; x and y), or in space if it has none.
     velocity_m_s: [f64; 3],
     /// Variance of the position, covariance, variance of the velocity.

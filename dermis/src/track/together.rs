@@ -20,7 +20,7 @@ const SEEN_AS_ONE: f64 = 0.6;
 /// Position and time of the start of a merge.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Merged {
-    pub(crate) since_s: f64,
+    pub since_s: f64,
     from_m: Point3,
 }
 

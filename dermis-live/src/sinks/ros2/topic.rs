@@ -171,11 +171,11 @@ fn picture(header: Header, [rows, columns]: [usize; 2], values: impl Iterator<It
 /// A number of a contact in point clouds and in the tables of recordings.
 pub(crate) struct ContactColumn {
     /// Its field in a point cloud.
-    pub(crate) ros: &'static str,
+    pub ros: &'static str,
     /// Its column in tables.
-    pub(crate) column: &'static str,
+    pub column: &'static str,
     /// Whether it is a uint32, the lowest bits of a count, and not a float32.
-    pub(crate) is_count: bool,
+    pub is_count: bool,
     number: Box<dyn Fn(&TrackedContact) -> f64 + Send + Sync>,
 }
 

@@ -23,11 +23,11 @@ use tokio::sync::watch;
 #[derive(Debug)]
 pub(super) struct Board {
     /// The newest frame, and its number among the published ones.
-    pub(crate) frame: watch::Sender<(u64, Bytes)>,
+    pub frame: watch::Sender<(u64, Bytes)>,
     /// The message `status`.
-    pub(crate) status: watch::Sender<Arc<Value>>,
+    pub status: watch::Sender<Arc<Value>>,
     /// The message `scene`.
-    pub(crate) scene: watch::Sender<Arc<String>>,
+    pub scene: watch::Sender<Arc<String>>,
 }
 
 /// Interval of the status.

@@ -25,8 +25,8 @@ const HALVINGS: usize = 12;
 /// A method whose images have a known noise.
 #[derive(Clone, Copy)]
 pub(super) struct Finder<'a> {
-    pub(crate) method: &'a dyn Reconstruct,
-    pub(crate) noise: &'a ImageNoise,
+    pub method: &'a dyn Reconstruct,
+    pub noise: &'a ImageNoise,
 }
 
 impl Finder<'_> {

@@ -34,7 +34,7 @@ pub(super) struct Slot {
     /// `A`, S.
     conductance: Matrix3,
     /// The settled potentials of the lines, V.
-    pub(crate) steady_v: [f64; 3],
+    pub steady_v: [f64; 3],
     /// The longest time constant of the slot is at most the capacitance times this, ohm.
     slowest_ohm: f64,
 }
@@ -42,18 +42,18 @@ pub(super) struct Slot {
 /// The source of a frame's drives.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Source {
-    pub(crate) voltage_v: f64,
-    pub(crate) reference_ohm: f64,
+    pub voltage_v: f64,
+    pub reference_ohm: f64,
 }
 
 /// The connection of a slot to the skin: the electrodes, and the on-resistances.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Joined {
     /// Electrode of the source line, of the plus and of the minus input.
-    pub(crate) electrodes: [usize; 3],
-    pub(crate) on_ohm: [f64; 3],
-    pub(crate) sink: usize,
-    pub(crate) sink_on_ohm: f64,
+    pub electrodes: [usize; 3],
+    pub on_ohm: [f64; 3],
+    pub sink: usize,
+    pub sink_on_ohm: f64,
 }
 
 impl Joined {

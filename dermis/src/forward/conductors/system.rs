@@ -12,11 +12,11 @@ use std::collections::BTreeMap;
 pub(super) struct System {
     /// `None` if it is the model's own system.
     extended: Option<Symbolic>,
-    pub(crate) factor: Factor,
+    pub factor: Factor,
     /// The unknown of each node.
     unknown_of_node: Vec<usize>,
     /// The unknown of each conductor that is part of the system.
-    pub(crate) unknown_of_conductor: BTreeMap<usize, usize>,
+    pub unknown_of_conductor: BTreeMap<usize, usize>,
 }
 
 impl System {
@@ -72,9 +72,9 @@ impl System {
 /// The moments of `u - v` of a conductor as weighted sums of unknowns.
 pub(super) struct Voltages {
     /// The unknowns of its nodes and, if there is one, of its potential.
-    pub(crate) unknowns: Vec<usize>,
+    pub unknowns: Vec<usize>,
     /// Unknowns x moments.
-    pub(crate) weights: Matrix,
+    pub weights: Matrix,
 }
 
 impl Voltages {

@@ -16,11 +16,11 @@ use pulp::Simd;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scratch {
     /// Derivatives of a panel.
-    pub(crate) panel: usize,
+    pub panel: usize,
     /// The derivative of an update, all rows and columns.
-    pub(crate) square: usize,
+    pub square: usize,
     /// `W`, or `-G W`, transposed.
-    pub(crate) across: usize,
+    pub across: usize,
 }
 
 impl Scratch {

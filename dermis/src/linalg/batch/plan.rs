@@ -30,17 +30,17 @@ pub struct BatchPlan {
 #[derive(Debug, Clone)]
 pub(super) struct Front {
     /// Columns eliminated.
-    pub(crate) width: usize,
+    pub width: usize,
     /// Rows of its update.
-    pub(crate) rows: usize,
+    pub rows: usize,
     /// Its entries, as a range of [`BatchPlan::entry_targets`].
-    pub(crate) entries: std::ops::Range<usize>,
+    pub entries: std::ops::Range<usize>,
     /// Its children, as a range of [`BatchPlan::children`].
-    pub(crate) children: std::ops::Range<usize>,
+    pub children: std::ops::Range<usize>,
     /// Start of its update.
-    pub(crate) update: usize,
+    pub update: usize,
     /// Start of its panel where all panels are kept.
-    pub(crate) panel: usize,
+    pub panel: usize,
 }
 
 impl Front {
@@ -65,22 +65,22 @@ impl Front {
 #[derive(Debug, Clone)]
 pub(super) struct Child {
     /// Start of its update.
-    pub(crate) update: usize,
+    pub update: usize,
     /// Its update's rows, as a range of [`BatchPlan::rows`].
-    pub(crate) rows: std::ops::Range<usize>,
+    pub rows: std::ops::Range<usize>,
     /// The number of its first rows that are columns eliminated by the parent.
-    pub(crate) eliminated: usize,
+    pub eliminated: usize,
 }
 
 /// A row of a child's update in its parent: an address is the sum of a part for the row and a part for the column.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct RowAddress {
     /// As a row in the parent's panel.
-    pub(crate) panel: u32,
+    pub panel: u32,
     /// As a row in the parent's update; unused if the parent eliminates it.
-    pub(crate) update: u32,
+    pub update: u32,
     /// As a column in the parent's panel if the parent eliminates it, else in its update.
-    pub(crate) column: u32,
+    pub column: u32,
 }
 
 /// The column's part of an address in an update of `rows` rows, a lower triangle column by column; the row's part is

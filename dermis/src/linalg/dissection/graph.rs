@@ -13,7 +13,7 @@ pub(super) struct Graph {
     starts: Vec<u32>,
     ends: Vec<u32>,
     edge_weights: Vec<u32>,
-    pub(crate) weights: Vec<u32>,
+    pub weights: Vec<u32>,
 }
 
 impl Graph {

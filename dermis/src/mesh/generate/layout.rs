@@ -16,9 +16,9 @@ const INNER_RING: f64 = 0.4;
 /// Fixed points, the edges between them that the mesh must contain, and the electrodes.
 #[derive(Debug, Default)]
 pub(super) struct Layout {
-    pub(crate) points: Vec<Point2>,
-    pub(crate) constraints: Vec<[usize; 2]>,
-    pub(crate) electrodes: Vec<Marking>,
+    pub points: Vec<Point2>,
+    pub constraints: Vec<[usize; 2]>,
+    pub electrodes: Vec<Marking>,
 }
 
 /// How an electrode is identified in the finished mesh.

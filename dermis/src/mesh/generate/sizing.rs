@@ -23,7 +23,7 @@ pub(super) struct Sizing {
     columns: usize,
     rows: usize,
     at_electrode: f64,
-    pub(crate) largest: f64,
+    pub largest: f64,
     growth: f64,
 }
 

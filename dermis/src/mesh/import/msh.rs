@@ -45,24 +45,24 @@ impl Kind {
 /// One element of the file.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Element {
-    pub(crate) tag: u64,
-    pub(crate) kind: Kind,
+    pub tag: u64,
+    pub kind: Kind,
     /// Tags of its nodes; those beyond its corners are 0.
-    pub(crate) nodes: [u64; 4],
+    pub nodes: [u64; 4],
     /// Its index in [`Gmsh::group_sets`].
-    pub(crate) group_set: usize,
+    pub group_set: usize,
 }
 
 /// The content of a .msh file.
 #[derive(Debug, Default)]
 pub(super) struct Gmsh {
     /// Positions by tag.
-    pub(crate) nodes: BTreeMap<u64, Point3>,
-    pub(crate) elements: Vec<Element>,
+    pub nodes: BTreeMap<u64, Point3>,
+    pub elements: Vec<Element>,
     /// Sets of physical tags.
-    pub(crate) group_sets: Vec<Vec<i64>>,
+    pub group_sets: Vec<Vec<i64>>,
     /// Names of physical groups by dimension and tag.
-    pub(crate) names: BTreeMap<(usize, i64), String>,
+    pub names: BTreeMap<(usize, i64), String>,
     /// The set of an entity (dimension and tag) in version 4.1, of a physical tag (dimension 0) in version 2.2.
     set_of: BTreeMap<(i64, i64), usize>,
 }

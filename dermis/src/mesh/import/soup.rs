@@ -11,8 +11,8 @@ use std::collections::HashMap;
 /// Points and triangles as stored in a file.
 #[derive(Debug, Default, Clone)]
 pub(super) struct Soup {
-    pub(crate) points: Vec<Point3>,
-    pub(crate) triangles: Vec<[usize; 3]>,
+    pub points: Vec<Point3>,
+    pub triangles: Vec<[usize; 3]>,
 }
 
 /// Points closer than this fraction of the body's extent are one: single precision has seven digits.

@@ -18,10 +18,10 @@ const GONE: [usize; 3] = [usize::MAX; 3];
 /// A surface that is being changed. Points and triangles keep their numbers until [`MeshEditor::compact`].
 #[derive(Debug, Clone, Default)]
 pub(crate) struct MeshEditor {
-    pub(crate) points: Vec<Point3>,
-    pub(crate) triangles: Vec<[usize; 3]>,
+    pub points: Vec<Point3>,
+    pub triangles: Vec<[usize; 3]>,
     /// The electrode that covers each triangle.
-    pub(crate) covered_by: Vec<Option<usize>>,
+    pub covered_by: Vec<Option<usize>>,
     /// The triangles at each point.
     around: Vec<Vec<usize>>,
     /// The curves through each point, with the point at the other end of the edge.

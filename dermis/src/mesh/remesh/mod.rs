@@ -16,13 +16,13 @@ use std::f64::consts::PI;
 /// The target of remeshing.
 pub(crate) struct Target<'a> {
     /// The surface on which the points stay.
-    pub(crate) surface: &'a TriangleTree,
+    pub surface: &'a TriangleTree,
     /// The target edge length at a point, m.
-    pub(crate) size: &'a dyn Fn(Point3) -> f64,
+    pub size: &'a dyn Fn(Point3) -> f64,
     /// Projects a point near a curve onto it.
-    pub(crate) onto_curve: &'a dyn Fn(Point3, Curve) -> Point3,
+    pub onto_curve: &'a dyn Fn(Point3, Curve) -> Point3,
     /// Maximum number of triangles.
-    pub(crate) most_triangles: usize,
+    pub most_triangles: usize,
 }
 
 /// An edge longer than this multiple of the target length is split, one shorter than [`SHORT`] collapsed: with these
