@@ -9,10 +9,10 @@ const here = path.dirname(fileURLToPath(import.meta.url));
 /** Where dermis-live takes the page from. */
 export const PAGE = path.join(here, "../dermis-live/src/sinks/viewer/page");
 
-/** The licences of what is bundled, whole, as they ask to be passed on. */
-async function notices() {
+/** The licences of some packages, whole, as they ask to be passed on. */
+async function notices(...packages) {
   const texts = await Promise.all(
-    ["three", "uplot"].map(async (name) => {
+    packages.map(async (name) => {
       const text = await readFile(path.join(here, "node_modules", name, "LICENSE"), "utf8");
       return `Contains ${name}.\n${text.trim()}`;
     }),
@@ -22,7 +22,8 @@ async function notices() {
 
 export async function buildInto(folder) {
   await mkdir(folder, { recursive: true });
-  const banner = await notices();
+  // three has no style sheet.
+  const banner = { js: await notices("three", "uplot"), css: await notices("uplot") };
   const result = await build({
     absWorkingDir: here,
     entryPoints: { viewer: "src/main.ts" },
@@ -32,7 +33,7 @@ export async function buildInto(folder) {
     format: "iife",
     target: ["es2022"],
     legalComments: "inline",
-    banner: { js: banner, css: banner },
+    banner,
     define: { "process.env.NODE_ENV": '"production"' },
     logLevel: "warning",
     metafile: true,

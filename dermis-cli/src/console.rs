@@ -1,22 +1,17 @@
 //! Output of commands: results, progress bars, status lines.
 
 use crate::failure::{Failure, Outcome};
+use crate::output::to_standard_output;
 use dermis::pipeline::Severity;
 use dermis::text::{printable, printable_lines};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use std::io::{IsTerminal, Write};
-use std::sync::atomic::{AtomicBool, Ordering};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::IsTerminal;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// Prints a result. A closed pipe (`dermis ... | head`) is not an error.
 pub fn print(text: &str) -> Outcome {
-    let mut out = std::io::stdout().lock();
-    match out.write_all(printable_lines(text).as_bytes()).and_then(|()| out.flush()) {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(Failure::given(format!("cannot write to standard output: {error}"), None))
-        }
-        _ => Ok(()),
-    }
+    to_standard_output(|out| out.write_all(printable_lines(text).as_bytes()))
 }
 
 /// Prints a warning to standard error.
@@ -35,12 +30,13 @@ pub fn print_json(value: &impl serde::Serialize) -> Outcome {
     print(&format!("{text}\n"))
 }
 
-/// A progress bar with the time left, shown after two seconds where standard error is a terminal.
+/// A progress bar with the time left, shown after two seconds; where standard error is no terminal, a line for each tenth.
 #[derive(Debug)]
 pub struct Progress {
     bar: ProgressBar,
     begun: Instant,
     shown: AtomicBool,
+    tenths: AtomicU64,
 }
 
 impl Progress {
@@ -53,7 +49,7 @@ impl Progress {
         let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len}, {eta} left").expect("a valid template");
         bar.set_style(style);
         bar.set_message(what.to_string());
-        Progress { bar, begun: Instant::now(), shown: AtomicBool::new(false) }
+        Progress::of(bar, false)
     }
 
     /// A bar over `count` steps that also shows the rate.
@@ -70,7 +66,11 @@ impl Progress {
         bar.set_style(ProgressStyle::with_template("{msg} {spinner} {elapsed}").expect("a valid template"));
         bar.set_message(what.to_string());
         bar.enable_steady_tick(Duration::from_millis(200));
-        Progress { bar, begun: Instant::now(), shown: AtomicBool::new(true) }
+        Progress::of(bar, true)
+    }
+
+    fn of(bar: ProgressBar, is_shown: bool) -> Self {
+        Progress { bar, begun: Instant::now(), shown: AtomicBool::new(is_shown), tenths: AtomicU64::new(0) }
     }
 
     /// Changes the message.
@@ -90,6 +90,19 @@ impl Progress {
             self.bar.set_draw_target(ProgressDrawTarget::stderr());
         }
         self.bar.inc(count);
+        if self.shown.load(Ordering::Relaxed) && !std::io::stderr().is_terminal() {
+            self.log();
+        }
+    }
+
+    /// Prints a line if another tenth of the steps is done.
+    fn log(&self) {
+        let (done, count) = (self.bar.position(), self.bar.length().unwrap_or(0).max(1));
+        let tenth = 10 * done / count;
+        if done < count && tenth > self.tenths.fetch_max(tenth, Ordering::Relaxed) {
+            let left = self.begun.elapsed().mul_f64((count - done) as f64 / done as f64);
+            eprintln!("{}: {done} of {count}, {} left", self.bar.message(), HumanDuration(left));
+        }
     }
 }
 

@@ -19,6 +19,7 @@ mod frames;
 mod guided;
 mod latency;
 mod method;
+mod output;
 mod picture;
 mod press_report;
 mod range;
@@ -30,7 +31,7 @@ pub use command::train::losses;
 pub use described::{DescribedArgument, DescribedCommand};
 pub use failure::CommandError;
 
-use clap::{CommandFactory, Parser};
+use clap::{CommandFactory, FromArgMatches, Parser};
 use dermis_learn::TrainingRunOptions;
 use std::ffi::OsString;
 
@@ -40,17 +41,50 @@ use std::ffi::OsString;
     name = "dermis",
     version,
     about = "Electrical resistance tomography (ERT) skins for robots: design, simulation, reconstruction, live contacts",
-    after_help = "DESIGN is the path of a design file or a shipped name: \
-    cylinder30, skin16, tank16. Exit codes: 0 success, 2 invalid input, 1 internal error."
+    after_long_help = "`dermis COMMAND --help` explains a command. DESIGN is the path of a design file or a shipped name: \
+    cylinder30, skin16, tank16.\nExit codes: 0 success, 2 invalid input, 1 internal error.
+
+Examples:
+  dermis demo                                    simulated presses on a shipped skin, with a report
+  dermis new disk --electrodes 12 -o skin.toml   a design of your own
+  dermis plot skin.toml -o skin.svg              a picture of it
+  dermis forward skin.toml -o untouched.csv      frames of it, simulated
+  dermis contacts skin.toml --frames frames.csv --baseline untouched.csv -o -
+  dermis live skin.toml                          the skin live in the browser, emulated
+From Python: `pip install ./dermis-python`, then `import dermis`."
 )]
 struct Arguments {
     #[command(subcommand)]
     command: command::Command,
 }
 
-/// The program as declared, for completions and manual pages.
+/// The program as declared, with its commands in groups.
 fn program() -> clap::Command {
-    Arguments::command()
+    let program = Arguments::command();
+    let template = format!(
+        "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{}Options:\n{{options}}{{after-help}}",
+        groups(&program)
+    );
+    program.help_template(template)
+}
+
+/// The commands in groups, as `--help` shows them.
+fn groups(program: &clap::Command) -> String {
+    let row = |name: &str| {
+        let about = program.find_subcommand(name).and_then(clap::Command::get_about).map(ToString::to_string);
+        format!("  {name:<16}{}\n", about.unwrap_or_default())
+    };
+    let group = |&(title, names): &(&str, &[&str])| {
+        format!("{title}:\n{}\n", names.iter().map(|name| row(name)).collect::<String>())
+    };
+    command::GROUPS.iter().map(group).collect()
+}
+
+/// The arguments of a line, as clap reads them.
+fn parsed(arguments: impl IntoIterator<Item = OsString>) -> Result<Arguments, clap::Error> {
+    let mut program = program();
+    let mut matches = program.try_get_matches_from_mut(arguments)?;
+    Arguments::from_arg_matches_mut(&mut matches).map_err(|error| error.format(&mut program))
 }
 
 /// The commands with their arguments.
@@ -63,7 +97,8 @@ pub fn commands() -> Vec<DescribedCommand> {
 /// Runs the program with its arguments, the first of which is its name; returns the exit code. Help and wrong arguments
 /// end the process.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
-    finish(Arguments::parse_from(arguments)).map_or_else(failure::Failure::report, |()| 0)
+    let arguments = parsed(arguments).unwrap_or_else(|error| error.exit());
+    finish(arguments).map_or_else(failure::Failure::report, |()| 0)
 }
 
 /// Runs a command as [`run`] does, for programs that call it: an error is returned, not printed.
@@ -71,7 +106,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 /// # Errors
 /// Wrong arguments, and those of the command.
 pub fn try_run(arguments: impl IntoIterator<Item = OsString>) -> Result<(), CommandError> {
-    match Arguments::try_parse_from(arguments) {
+    match parsed(arguments) {
         Ok(arguments) => finish(arguments).map_err(CommandError::of_failure),
         // Help and version are no errors.
         Err(text) if !text.use_stderr() => console::print(&text.to_string()).map_err(CommandError::of_failure),
@@ -86,7 +121,7 @@ pub fn try_run(arguments: impl IntoIterator<Item = OsString>) -> Result<(), Comm
 /// Wrong arguments.
 pub fn training_options(arguments: impl IntoIterator<Item = OsString>) -> Result<TrainingRunOptions, CommandError> {
     let line = ["dermis", "train"].into_iter().map(OsString::from).chain(arguments);
-    let parsed = Arguments::try_parse_from(line).map_err(|error| CommandError::of_arguments(&error))?;
+    let parsed = parsed(line).map_err(|error| CommandError::of_arguments(&error))?;
     let command::Command::Train(arguments) = parsed.command else { unreachable!("the line begins with `train`") };
     arguments.options().map_err(CommandError::of_failure)
 }

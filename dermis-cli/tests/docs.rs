@@ -156,11 +156,8 @@ impl Helps {
             let output = Command::new(dermis()).args(arguments).output().expect("the program runs");
             String::from_utf8(output.stdout).expect("UTF-8")
         };
-        let all = help(&["--help"]);
-        let listed = all.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
-        let names = listed.filter(|line| line.starts_with("  ") && !line.starts_with("   "));
-        let names = names.filter_map(|line| line.split_whitespace().next()).filter(|name| *name != "help");
-        let helps: BTreeMap<_, _> = names.map(|name| (name.to_owned(), help(&[name, "--help"]))).collect();
+        let names = crate::workplace::listed_commands(&help(&["--help"])).into_iter();
+        let helps: BTreeMap<_, _> = names.map(|name| (name.clone(), help(&[&name, "--help"]))).collect();
         assert!(helps.len() > 15, "only {} subcommands found", helps.len());
         Helps(helps)
     }

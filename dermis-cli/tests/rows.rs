@@ -193,9 +193,36 @@ fn rows_that_never_fit_are_refused() {
         let said = at.refused(&format!("live disk.toml --serve off {arguments}"));
         words.iter().for_each(|word| assert!(said.contains(word), "no `{word}` in: {said}"));
     };
-    refused("--source csv:tcp:127.0.0.1:1", &["tcp:127.0.0.1:1", "nobody listens there"]);
+    refused("--source csv:tcp:127.0.0.1:1 --for 0.5", &["tcp:127.0.0.1:1", "nobody listens there", "no device came"]);
     refused("--source csv:file.csv", &["`file.csv` is no device", "csv:-"]);
     refused("--source csv:- --rate 0", &["--rate", "0.001 to 1000000"]);
+}
+
+#[test]
+fn a_device_that_is_not_there_yet_is_waited_for() {
+    let at = Workplace::new();
+    let skin = Skin::load(at.path("disk.toml").to_str().unwrap()).unwrap();
+    let rows: Vec<String> = frames(&skin).iter().take(60).map(row).collect();
+    let address = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let serve = move || {
+        std::thread::sleep(Duration::from_millis(1500));
+        let (mut stream, _) = TcpListener::bind(address).unwrap().accept().unwrap();
+        for row in &rows {
+            writeln!(stream, "{row}").unwrap();
+            std::thread::sleep(Duration::from_millis(4));
+        }
+        std::thread::sleep(Duration::from_secs(2));
+    };
+    let server = std::thread::spawn(serve);
+    let output = at.run(&format!("live disk.toml --serve off --source csv:tcp:{address} --for 4 --json"));
+    server.join().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    assert!(
+        said(&output).contains("nobody listens") && said(&output).contains("the device is connected"),
+        "{output:?}"
+    );
+    let counts: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&counts["frames"], &counts["reconnected"]), (&60.into(), &0.into()));
 }
 
 #[test]

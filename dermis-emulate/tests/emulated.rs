@@ -44,7 +44,13 @@ fn emulate(script: &str, faults: &[&str]) -> Running {
 }
 
 fn read(running: &Running, settings: Settings) -> Live {
-    let options = LiveOptions { address: running.address.clone(), device: Default::default(), settings, state: None };
+    let options = LiveOptions {
+        address: running.address.clone(),
+        device: Default::default(),
+        settings,
+        state: None,
+        waits: false,
+    };
     let live = Live::start(methods(), options).unwrap();
     live.begin();
     live
@@ -54,7 +60,13 @@ fn read(running: &Running, settings: Settings) -> Live {
 fn a_subscriber_from_before_the_beginning_receives_the_first_frame() {
     let running = emulate("none", &[]);
     let device = Default::default();
-    let options = LiveOptions { address: running.address.clone(), device, settings: Settings::default(), state: None };
+    let options = LiveOptions {
+        address: running.address.clone(),
+        device,
+        settings: Settings::default(),
+        state: None,
+        waits: false,
+    };
     let live = Live::start(methods(), options).unwrap();
     std::thread::sleep(Duration::from_millis(300));
     let mailbox = live.shared().subscribe(64);
@@ -73,7 +85,13 @@ fn a_subscriber_from_before_the_beginning_receives_the_first_frame() {
 fn frames_that_stop_are_stale_in_every_output_within_a_quarter_of_a_second() {
     let running = emulate("none", &["silent@3+2"]);
     let device = Default::default();
-    let options = LiveOptions { address: running.address.clone(), device, settings: Settings::default(), state: None };
+    let options = LiveOptions {
+        address: running.address.clone(),
+        device,
+        settings: Settings::default(),
+        state: None,
+        waits: false,
+    };
     let live = Live::start(methods(), options).unwrap();
     let watchdog = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     watchdog.set_nonblocking(true).unwrap();

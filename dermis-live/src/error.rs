@@ -27,6 +27,14 @@ pub enum LiveError {
         /// Why, and the fix.
         message: String,
     },
+    /// Nothing is at the address of a device: a host that refuses the connection, a port that does not exist.
+    #[error("cannot reach the device at {address}: {message}")]
+    Absent {
+        /// Its address.
+        address: String,
+        /// Why, and the fix.
+        message: String,
+    },
     /// A device that is refused.
     #[error("the device at {address} is refused: {message}")]
     Refused {

@@ -276,7 +276,8 @@ impl Live {
             let is_noise_free = || TwinOptions::load(twin).is_ok_and(|twin| twin.electronics.snr_db.is_none());
             let force_tare = is_calibration(&method) || source == "emulate" && is_noise_free();
             let settings = Settings { method, threshold, both_signs, force_tare, ..Settings::default() };
-            let options = LiveOptions { address, device: DeviceOptions::default(), settings, state: None };
+            let options =
+                LiveOptions { address, device: DeviceOptions::default(), settings, state: None, waits: false };
             *threads.live() = Some(dermis_live::Live::start(methods, options)?);
             Ok(threads)
         })?;

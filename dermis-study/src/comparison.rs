@@ -69,27 +69,19 @@ impl Named {
     pub(crate) fn how(&self) -> String {
         self.method.alpha().map_or_else(|| self.name.clone(), |alpha| format!("{}, alpha {alpha:.3}", self.name))
     }
-
-    /// The image of every frame of a recording.
-    pub(crate) fn images(&self, recording: &Recording, progress: &dyn Progress) -> Result<Vec<Image>> {
-        let task = progress.begin("reconstructing", recording.frames.len());
-        let image = |frame: &Frame| {
-            let image = self.method.reconstruct().reconstruct(&(frame - &recording.baseline));
-            task.advance(1);
-            Ok(image?)
-        };
-        recording.frames.par_iter().map(image).collect()
-    }
 }
 
-/// The methods that need no tuning on this skin: the linear one, and the shipped networks.
+/// The default method of a skin, the linear one, and the paper's network.
 ///
 /// # Errors
 /// A skin whose forward problem cannot be solved; a shipped file that is damaged.
-pub(crate) fn shipped(skin: &Skin) -> Result<Vec<Named>> {
-    let mut methods = vec![Named::linear(0, skin, Alpha::Auto)?];
-    methods.extend(shipped_networks(skin)?);
-    Ok(methods)
+pub(crate) fn for_the_demo(skin: &Skin) -> Result<Vec<Named>> {
+    let methods = dermis_learn::methods();
+    let key = methods.default_name(skin)?;
+    let method = methods.method(skin, &key, &MethodOptions::default())?;
+    let default = Named { name: format!("default: {}", method.name()), identity: key.clone(), key, method, card: None };
+    let paper = shipped_networks(skin)?.into_iter().find(|network| network.key == "paper");
+    Ok([default, Named::linear(0, skin, Alpha::Auto)?].into_iter().chain(paper).collect())
 }
 
 /// The shipped networks for this skin, the preferred one last.
@@ -117,7 +109,7 @@ pub(crate) struct Shown {
 }
 
 impl Shown {
-    /// Computes the images of a recording, detects the contacts and scores them.
+    /// Computes the images and the contacts of a recording, and scores them.
     pub(crate) fn of(
         method: &Named,
         recording: &Recording,
@@ -125,8 +117,14 @@ impl Shown {
         detector: &Detector,
         progress: &dyn Progress,
     ) -> Result<Self> {
-        let images = method.images(recording, progress)?;
-        let contacts: Vec<Vec<Contact>> = images.par_iter().map(|image| detector.detect(image)).collect();
+        let task = progress.begin("reconstructing", recording.frames.len());
+        let of_frame = |frame: &Frame| {
+            let found = method.method.reconstruct().image_and_contacts(&(frame - &recording.baseline), detector);
+            task.advance(1);
+            found
+        };
+        let found = recording.frames.par_iter().map(of_frame).collect::<std::result::Result<Vec<_>, _>>()?;
+        let (images, contacts): (Vec<Image>, Vec<Vec<Contact>>) = found.into_iter().unzip();
         let score = score_contacts(&images, &contacts, truth, &method.name, method.method.alpha())?;
         let quantity = method.method.reconstruct().quantity();
         Ok(Shown { name: method.name.clone(), how: method.how(), images, quantity, contacts, score })

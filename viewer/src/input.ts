@@ -1,5 +1,5 @@
 // Pointer and keyboard input on both views. On an emulated skin the left button, or one finger on a touch screen, presses
-// the skin. Beside the skin, with the right button or with two fingers, the body rotates; the wheel and two fingers zoom.
+// the skin; with Shift the touch stays when it is let go, and another click on it with Shift ends it. Beside the skin, with the right button or with two fingers, the body rotates; the wheel and two fingers zoom.
 
 import type { Presser } from "./press";
 import type { SkinView } from "./scene3d";
@@ -33,7 +33,7 @@ export function onSkin(view: SkinView, presser: Presser, listener: InputListener
     if (pointers.size > 1) presser.upAll();
     else if (event.button === 0 && listener.emulated()) {
       const hit = view.pick(place(event));
-      if (hit) presser.down(name(event), hit);
+      if (hit && !(event.shiftKey && presser.releaseAt(hit))) presser.down(name(event), hit);
     }
     canvas.classList.toggle("pressing", presser.count > 0);
     canvas.classList.toggle("turning", presser.count === 0);
@@ -67,7 +67,7 @@ export function onSkin(view: SkinView, presser: Presser, listener: InputListener
 
   const end = (event: PointerEvent): void => {
     pointers.delete(event.pointerId);
-    presser.up(name(event));
+    letGo(presser, name(event), event);
     canvas.classList.remove("pressing", "turning");
     listener.changed();
   };
@@ -109,7 +109,7 @@ export function onUnrolled(view: UnrolledView, presser: Presser, listener: Input
     if (!inside) return;
     canvas.setPointerCapture(event.pointerId);
     view.hovered = view.cursor = null;
-    presser.down(name(event), inside);
+    if (!(event.shiftKey && presser.releaseAt(inside))) presser.down(name(event), inside);
     listener.changed();
   });
 
@@ -125,7 +125,7 @@ export function onUnrolled(view: UnrolledView, presser: Presser, listener: Input
   });
 
   const end = (event: PointerEvent): void => {
-    presser.up(name(event));
+    letGo(presser, name(event), event);
     listener.changed();
   };
   canvas.addEventListener("pointerup", end);
@@ -142,6 +142,12 @@ export function onUnrolled(view: UnrolledView, presser: Presser, listener: Input
     event.preventDefault();
     listener.changed();
   });
+}
+
+/** Ends the press of a pointer, or keeps it where Shift is held. */
+function letGo(presser: Presser, who: string, event: PointerEvent): void {
+  if (event.shiftKey && event.type === "pointerup") presser.keep(who);
+  else presser.up(who);
 }
 
 /** Arrow keys move a cursor, the space bar starts and ends a press there, Escape removes the cursor. */

@@ -278,7 +278,10 @@ class Viewer {
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.retheme());
     // All presses end when the window loses the focus.
     window.addEventListener("blur", () => this.presser.upAll());
-    window.addEventListener("pagehide", () => this.presser.upAll());
+    window.addEventListener("pagehide", () => this.presser.releaseAll());
+    window.addEventListener("keydown", (event) => {
+      if (event.key === "Escape") this.presser.releaseAll();
+    });
     document.addEventListener("visibilitychange", () => {
       if (document.hidden) this.presser.upAll();
     });

@@ -2,6 +2,9 @@
 
 import type { Command, Vec3 } from "./types";
 
+/** A kept press is released by another one within a fingertip of it, m. */
+const FINGERTIP_M = 0.01;
+
 interface Press {
   position: Vec3;
   force: number;
@@ -47,6 +50,33 @@ export class Presser {
     if (number === undefined) return;
     this.flush();
     this.numberOf.delete(who);
+    this.release(number);
+  }
+
+  /** Keeps a press when its pointer leaves. */
+  keep(who: string): void {
+    this.flush();
+    this.numberOf.delete(who);
+  }
+
+  /** Releases the kept press at a place; whether there was one. */
+  releaseAt([x, y, z]: Vec3): boolean {
+    const held = new Set(this.numberOf.values());
+    for (const [number, { position: [px, py, pz] }] of this.presses) {
+      if (held.has(number) || Math.hypot(px - x, py - y, pz - z) > FINGERTIP_M) continue;
+      this.release(number);
+      return true;
+    }
+    return false;
+  }
+
+  /** Ends all presses, kept ones too. */
+  releaseAll(): void {
+    this.upAll();
+    for (const number of [...this.presses.keys()]) this.release(number);
+  }
+
+  private release(number: number): void {
     this.presses.delete(number);
     this.send({ do: "release", finger: number });
   }

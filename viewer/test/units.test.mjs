@@ -260,6 +260,26 @@ test("press: each touch gets the lowest free number, and a change is sent once",
   assert.deepEqual(take().map(([what]) => what), ["release", "release"]);
 });
 
+test("press: a kept touch stays until it is pressed again or all end", () => {
+  const sent = [];
+  const presser = new Presser((command) => (sent.push(command), true), () => 2);
+  const take = () => sent.splice(0).map((command) => [command.do, command.finger]);
+  presser.down("a", [0, 0, 0]);
+  presser.keep("a");
+  presser.up("a");
+  presser.upAll();
+  presser.down("a", [0, 0, 1]);
+  assert.deepEqual(take(), [["press", 0], ["press", 1]]);
+  assert.equal(presser.count, 2);
+  assert.ok(!presser.releaseAt([0, 0, 1]), "a touch that is held is not let go by another");
+  assert.ok(!presser.releaseAt([0, 0, 0.5]) && presser.releaseAt([0, 0.005, 0]));
+  assert.deepEqual(take(), [["release", 0]]);
+  presser.keep("a");
+  presser.releaseAll();
+  assert.deepEqual(take(), [["release", 1]]);
+  assert.equal(presser.count, 0);
+});
+
 test("format: a resistance has two or three digits, and six characters at most", () => {
   const cases = [[0, "0 Ω"], [0.00001, "0 Ω"], [0.0039, "3.9 mΩ"], [0.99, "990 mΩ"], [0.999, "999 mΩ"], [1, "1.0 Ω"], [4.27, "4.3 Ω"], [99.7, "100 Ω"], [310.5, "311 Ω"], [999.7, "1.0 kΩ"], [5432, "5.4 kΩ"], [81234, "81 kΩ"], [999900, "1.0 MΩ"], [1.23e6, "1.2 MΩ"], [null, "–"]];
   for (const [value, text] of cases) {

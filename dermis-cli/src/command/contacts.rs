@@ -1,14 +1,13 @@
 //! `dermis contacts`: frames to contacts.
 
-use crate::console::print;
 use crate::failure::{Failure, Outcome};
 use crate::frames::FrameArguments;
 use crate::method::{DetectArguments, MethodArguments};
+use crate::output::{Output, json_line};
 use crate::skin;
 use clap::{Args, ValueEnum};
 use dermis::contact::{ConductanceChange, Contact, Field, FieldKind};
 use dermis::estimate::noise::ChannelNoise;
-use dermis::frame::write_whole;
 use dermis::geom::Surface;
 use dermis::method::Method;
 use dermis::skin::Skin;
@@ -16,7 +15,6 @@ use dermis::text::counted;
 use dermis_calibrate::{Calibration, Pose};
 use serde::Serialize;
 use std::io::Write;
-use std::path::PathBuf;
 
 /// The arguments of `dermis contacts`.
 #[derive(Debug, Args)]
@@ -34,9 +32,12 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = Coordinates::Skin)]
     coordinates: Coordinates,
     /// File to write: a table with a row per contact (.csv; theta_rad on cylinders alone, conductance with
-    /// --both-signs), or a line of JSON per frame (.jsonl).
-    #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    /// --both-signs), or a line of JSON per frame (.jsonl). `-` prints the table.
+    #[arg(short, long, value_name = "FILE", required_unless_present = "json")]
+    output: Option<Output>,
+    /// Print a line of JSON per frame.
+    #[arg(long, conflicts_with = "output")]
+    json: bool,
 }
 
 /// A frame of reference.
@@ -58,7 +59,7 @@ struct FrameContacts<'a> {
 impl Arguments {
     /// Detects the contacts and writes them.
     pub fn run(self) -> Outcome {
-        let is_table = self.is_table()?;
+        let (output, is_table) = self.output()?;
         let skin = skin::load(&self.design)?;
         let differences = self.frames.read(&skin, &self.method)?;
         let method = self.method.prepare(&skin, &differences)?;
@@ -70,15 +71,15 @@ impl Arguments {
             contacts.iter_mut().flatten().for_each(|contact| to_robot(contact, &pose));
         }
         let surface = skin.design().body.surface();
-        write_whole(&self.output, |out| match is_table {
+        output.write(|out| match is_table {
             true => write_csv(out, &contacts, &surface, self.detect.both_signs()),
             false => write_jsonl(out, &contacts),
         })?;
         let count: usize = contacts.iter().map(Vec::len).sum();
         let (contacts, frames) = (counted(count, "contact"), counted(contacts.len(), "frame"));
         let noise = ChannelNoise::of_differences(&differences, &skin.design().protocol);
-        let noise = noise.map(|noise| format!("{noise}\n")).unwrap_or_default();
-        print(&format!("{}: {contacts} in {frames} ({})\n{noise}", self.output.display(), method.description()))
+        let noise = noise.map(|noise| format!("\n{noise}")).unwrap_or_default();
+        output.say(&format!("{contacts} in {frames} ({}){noise}", method.description()))
     }
 
     /// The pose of the skin where contacts are wanted in the robot's frame; `None` for the skin's own.
@@ -98,15 +99,13 @@ impl Arguments {
         pose.map(Some).ok_or_else(unknown)
     }
 
-    /// Whether a table is written, and not lines of JSON.
-    fn is_table(&self) -> Outcome<bool> {
-        match self.output.extension().and_then(|extension| extension.to_str()) {
-            Some("csv") => Ok(true),
-            Some("jsonl") => Ok(false),
-            _ => {
-                let message = format!("{}: contacts are written as .csv or .jsonl", self.output.display());
-                Err(Failure::given(message, Some("choose one of these endings")))
-            }
+    /// Where the contacts go, and whether as a table and not as lines of JSON.
+    fn output(&self) -> Outcome<(Output, bool)> {
+        let Some(output) = &self.output else { return Ok((Output::standard(), false)) };
+        match output.ending().as_str() {
+            "csv" => Ok((output.clone(), true)),
+            "jsonl" => Ok((output.clone(), false)),
+            _ => Err(output.unknown_ending("contacts", ".csv or .jsonl")),
         }
     }
 }
@@ -147,8 +146,7 @@ fn known(value: f64) -> String {
 /// A line of JSON for each frame.
 fn write_jsonl(out: &mut dyn Write, frames: &[Vec<Contact>]) -> std::io::Result<()> {
     for (frame, contacts) in frames.iter().enumerate() {
-        serde_json::to_writer(&mut *out, &FrameContacts { frame, contacts })?;
-        out.write_all(b"\n")?;
+        json_line(out, &FrameContacts { frame, contacts })?;
     }
     Ok(())
 }

@@ -2,8 +2,8 @@
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
-use crate::range::seed;
-use clap::Args;
+use crate::range::{count, seed};
+use clap::{Args, ValueEnum};
 use dermis::design::SkinDesign;
 use dermis::files::{NewFolder, folder_of};
 use dermis::image::PixelSpace;
@@ -24,12 +24,31 @@ pub struct Arguments {
     /// Seed of the twin, the presses and the noise.
     #[arg(long, value_name = "S", value_parser = seed)]
     seed: u64,
+    /// Frames of each set, at most [default: a press at every pixel, 900 at random, 3000 pairs, 500 fours]
+    #[arg(long, value_name = "N", value_parser = count(1..=1_000_000usize))]
+    presses: Option<usize>,
+    /// Sets to simulate.
+    #[arg(long, value_enum, value_name = "SET,...", value_delimiter = ',', default_value = "grid,random,two,four")]
+    sets: Vec<SetName>,
     /// Folder to write; it must not exist, or be empty.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
+}
+
+/// A set of presses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum SetName {
+    /// A press at each pixel.
+    Grid,
+    /// Presses at random places.
+    Random,
+    /// Two touches at once.
+    Two,
+    /// Four touches at once.
+    Four,
 }
 
 impl Arguments {
@@ -42,13 +61,28 @@ impl Arguments {
         let pixels = PixelSpace::for_design(&design, &mesh)?;
         let experiment = {
             let _waiting = Progress::waiting("preparing the twin");
-            PaperExperiment::draw(&design, &mesh, &pixels, &options, self.seed, &Sizes::default())?
+            PaperExperiment::draw(&design, &mesh, &pixels, &options, self.seed, &self.sizes(pixels.len()))?
         };
         let progress = Progress::new("pressing", experiment.frame_count());
         let summary = experiment.write(&design, self.seed, &folder.path(), || progress.step())?;
         drop(progress);
         folder.finish().map_err(|error| not_made(&self.output, &error))?;
         if self.json { print_json(&summary) } else { print(&self.summary(&summary)) }
+    }
+
+    /// The number of frames of each set on a skin with some pixels.
+    fn sizes(&self, pixels: usize) -> Sizes {
+        let all = Sizes::default();
+        let most = self.presses.unwrap_or(usize::MAX);
+        let of = |set: SetName, frames: usize| if self.sets.contains(&set) { frames.min(most) } else { 0 };
+        let grid = of(SetName::Grid, pixels);
+        Sizes {
+            grid_step: if grid == 0 { 0 } else { pixels.div_ceil(grid) },
+            random: of(SetName::Random, all.random),
+            pairs: of(SetName::Two, all.pairs * all.separations_m.len()).div_ceil(all.separations_m.len()),
+            fours: of(SetName::Four, all.fours),
+            separations_m: all.separations_m,
+        }
     }
 
     fn summary(&self, summary: &ExperimentSummary) -> String {
@@ -66,20 +100,24 @@ impl Arguments {
                 format!("{:.2} %", 100.0 * set.median_change),
             ]);
         }
-        format!(
-            "{}: twin `{}` of {} (seed {}), a mesh of {} nodes\n\n{}\n\nscore it: dermis evaluate {} --frames {}/grid/frames.npy --baseline \
-             {}/grid/baseline.npy --truth {}/grid/truth.csv\n",
+        let mut text = format!(
+            "{}: twin `{}` of {} (seed {}), a mesh of {} nodes\n\n{}\n",
             self.output.display(),
             summary.twin.name,
             summary.design,
             summary.seed,
             summary.mesh_nodes,
             table.to_text(),
-            self.design,
-            self.output.display(),
-            self.output.display(),
-            self.output.display(),
-        )
+        );
+        if let Some(set) = summary.sets.iter().find(|set| set.frames > 0) {
+            let folder = self.output.join(set.name);
+            text += &format!(
+                "\nscore it: dermis evaluate {} --frames {1}/frames.npy --baseline {1}/baseline.npy --truth {1}/truth.csv\n",
+                self.design,
+                folder.display()
+            );
+        }
+        text
     }
 }
 

@@ -1,15 +1,17 @@
 //! `dermis forward`: conductivities, or touches, to frames.
 
-use crate::console::{Progress, print};
+use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
+use crate::output::{Output, json_line, to_standard_output};
 use crate::range::number;
 use crate::skin;
 use clap::Args;
 use dermis::contact::Contact;
-use dermis::frame::{Frame, Truth, read_table, read_truth, write_frames};
+use dermis::frame::{Frame, Truth, read_table, read_truth};
 use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_sim::touch::{GaussianTouch, touched_conductivity};
+use serde::Serialize;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
@@ -35,9 +37,19 @@ pub struct Arguments {
     /// Standard deviation of a simulated touch along the surface, m.
     #[arg(long, value_name = "M", default_value_t = 0.008, requires = "touches", value_parser = number(1e-5..=100.0))]
     touch_width_m: f64,
-    /// Frames to write, one per row: CSV, NPY or NPZ; ohm.
-    #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    /// Frames to write, one per row: CSV, NPY or NPZ; ohm. `-` prints CSV.
+    #[arg(short, long, value_name = "FILE", required_unless_present = "json")]
+    output: Option<Output>,
+    /// Print a line of JSON per frame.
+    #[arg(long, conflicts_with = "output")]
+    json: bool,
+}
+
+/// A frame as a line of JSON.
+#[derive(Serialize)]
+struct FrameValues<'a> {
+    frame: usize,
+    values_ohm: &'a [f64],
 }
 
 impl Arguments {
@@ -57,8 +69,15 @@ impl Arguments {
             }
         };
         let channels = skin.design().protocol.channel_count();
-        write_frames(&self.output, &frames)?;
-        print(&format!("{}: {} of {channels} values\n", self.output.display(), counted(frames.len(), "frame")))
+        let Some(output) = self.output else {
+            return to_standard_output(|out| {
+                let mut lines = frames.iter().enumerate();
+                lines.try_for_each(|(frame, values)| json_line(out, &FrameValues { frame, values_ohm: values }))
+            });
+        };
+        let values: Vec<f64> = frames.iter().flat_map(|frame| frame.iter().copied()).collect();
+        output.write_array("frames", &[frames.len(), channels], &values)?;
+        output.say(&format!("{} of {channels} values", counted(frames.len(), "frame")))
     }
 
     /// The touches of each frame in a file; frames without a touch are untouched.

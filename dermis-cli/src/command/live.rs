@@ -115,23 +115,36 @@ impl Arguments {
     pub fn run(self) -> Outcome {
         self.check_folders()?;
         let state = self.kept_state()?;
-        let methods = {
-            let _waiting = crate::console::Progress::waiting("preparing");
-            Arc::new(MethodSet::new(&dermis_learn::methods(), Skin::load(&self.design)?, self.method.as_deref())?)
-        };
+        let skin = Skin::load(&self.design)?;
         let (live, emulator) = match self.source.recording() {
-            Some(recording) => (self.play(&methods, recording)?, None),
+            Some(recording) => (self.play(&self.methods(skin)?, recording)?, None),
             None => {
-                let (address, emulator) = self.source.address(methods.skin().design())?;
-                (Live::start(Arc::clone(&methods), self.options(address, state))?, emulator)
+                // The emulated device is made meanwhile.
+                let (methods, source) = std::thread::scope(|scope| {
+                    let source = scope.spawn(|| self.source.address(skin.design()));
+                    let methods = self.methods(skin.clone());
+                    (methods, source.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+                });
+                let (address, emulator) = source?;
+                (Live::start(methods?, self.options(address, state))?, emulator)
             }
         };
         let control = Arc::new(self.source.control(&live, emulator.clone(), self.limits())?);
         let sinks = self.open(&control)?;
-        let (statistics, uncounted) = self.watch(&live, emulator.as_deref())?;
+        let Watched { statistics, uncounted, is_connected } = self.watch(&live, emulator.as_deref())?;
         let failure = self.close(live, emulator, &control, sinks)?;
         latency::show(&statistics, uncounted, self.latency.as_deref(), self.json)?;
-        failure.map_or(Ok(()), Err)
+        match failure {
+            Some(failure) => Err(failure),
+            None if !is_connected => Err(Failure::given("no device came, and nothing was read", None)),
+            None => Ok(()),
+        }
+    }
+
+    /// The methods of a skin.
+    fn methods(&self, skin: Skin) -> Outcome<Arc<MethodSet>> {
+        let _waiting = crate::console::Progress::waiting("preparing");
+        Ok(Arc::new(MethodSet::new(&dermis_learn::methods(), skin, self.method.as_deref())?))
     }
 
     /// Refuses output files in missing folders before anything starts.
@@ -176,7 +189,7 @@ impl Arguments {
         let settings = Settings { method, threshold, zones, both_signs, force_tare, ..Settings::default() };
         let (rate_hz, difference, device_time) = (self.source.rate, self.difference, self.device_time);
         let device = DeviceOptions { rate_hz, difference, device_time };
-        LiveOptions { address, device, settings, state }
+        LiveOptions { address, device, settings, state, waits: true }
     }
 
     /// The limits of recordings, of those that the page begins too.
@@ -244,7 +257,7 @@ impl Arguments {
     }
 
     /// Shows notices and statistics until the end.
-    fn watch(&self, live: &Live, emulator: Option<&Emulator>) -> Outcome<(LiveStatistics, u64)> {
+    fn watch(&self, live: &Live, emulator: Option<&Emulator>) -> Outcome<Watched> {
         let ended = Arc::new(AtomicBool::new(false));
         let end = Arc::clone(&ended);
         on_interrupt(move || end.store(true, Ordering::Relaxed))?;
@@ -253,12 +266,14 @@ impl Arguments {
         let mut statistics = LiveStatistics::new(Arc::clone(live.shared()));
         let (begun, mut shown) = (Instant::now(), Instant::now());
         let line = crate::console::StatusLine::new();
+        let mut is_connected = false;
         while !ended.load(Ordering::Relaxed) {
             match mailbox.take(Duration::from_millis(100)) {
                 Popped::Item(Event::Frame(frame)) => statistics.add(&frame),
                 Popped::Item(Event::Stale(frame)) => statistics.show_state(&frame),
                 Popped::Item(Event::Notice(notice)) => line.print(&notice_line(notice.level, &notice.text)),
                 Popped::Item(Event::Lost(why)) => line.print(&notice_line(Severity::Error, &why)),
+                Popped::Item(Event::Connected(_)) => is_connected = true,
                 Popped::Item(_) | Popped::TimedOut => {}
                 Popped::Closed => break,
             }
@@ -271,7 +286,7 @@ impl Arguments {
                 break;
             }
         }
-        Ok((statistics, mailbox.dropped()))
+        Ok(Watched { statistics, uncounted: mailbox.dropped(), is_connected })
     }
 
     /// Stops everything in order, so that no recorded frame is lost. Returns why the input ended early, if it did.
@@ -307,6 +322,15 @@ impl Arguments {
         eprintln!("{}", summary(&path, &ended));
         Ok(failure)
     }
+}
+
+/// What was seen of a live skin.
+struct Watched {
+    statistics: LiveStatistics,
+    /// Events that were not counted.
+    uncounted: u64,
+    /// Whether there was a device at any time.
+    is_connected: bool,
 }
 
 /// What was recorded.

@@ -42,13 +42,13 @@ use clap::Subcommand;
 pub enum Command {
     /// Generate the mesh of a design, write it and report its quality.
     Mesh(mesh::Arguments),
-    /// Compute frames of voltages from conductivities or simulated touches.
+    /// Simulate frames of a design: untouched, with touches, or from conductivities.
     Forward(forward::Arguments),
     /// Compute the Jacobian of a frame with respect to conductivity.
     Jacobian(jacobian::Arguments),
     /// Reconstruct images from frames.
     Reconstruct(reconstruct::Arguments),
-    /// Detect contacts in frames.
+    /// Find the contacts in recorded or simulated frames (CSV, NPY, NPZ).
     Contacts(contacts::Arguments),
     /// Score detected contacts against true touches.
     Evaluate(evaluate::Arguments),
@@ -58,7 +58,7 @@ pub enum Command {
     Bound(bound::Arguments),
     /// Search for a better design: places of the electrodes, and which values are read.
     Optimise(optimise::Arguments),
-    /// Calibrate a real skin with measured presses.
+    /// Calibrate a real skin with presses at known places.
     Calibrate(calibrate::Arguments),
     /// Check a built skin by its untouched frame: open electrodes, shorts, exchanged wires, cuts; writes a report.
     CheckBuild(check_build::Arguments),
@@ -82,7 +82,7 @@ pub enum Command {
     Simulate(simulate::Arguments),
     /// Train a network.
     Train(train::Arguments),
-    /// Read a live skin: contacts, a viewer page, recordings, ROS 2.
+    /// Read a skin live, real or emulated: contacts, a page in the browser, recordings, ROS 2.
     Live(live::Arguments),
     /// Run a simulated device with the wire protocol.
     Emulate(emulate::Arguments),
@@ -98,9 +98,9 @@ pub enum Command {
     ScanTable(scan_table::Arguments),
     /// Write the files of a workshop: base to print, cut patterns, wiring and expected readings, robot description.
     Fabricate(fabricate::Arguments),
-    /// Write a commented design file.
+    /// Write a commented design file: a disk, a rectangle, a cylinder, or a body from a mesh file.
     New(new::Arguments),
-    /// Draw a mesh, electrodes, sensitivity, an image or localisation errors.
+    /// Draw a design, its sensitivity, an image with its contacts, or localisation errors.
     Plot(plot::Arguments),
     /// Print a JSON schema: design files, twin files, touch scripts or live frames.
     Schema(schema::Arguments),
@@ -109,6 +109,19 @@ pub enum Command {
     /// Print the manual page, or write those of all commands.
     Man(shell::ManArguments),
 }
+
+/// The commands by what they are for, in the order of `dermis --help`.
+pub const GROUPS: [(&str, &[&str]); 9] = [
+    ("First steps", &["new", "forward", "contacts", "plot", "live"]),
+    ("Design", &["mesh", "bound", "optimise", "schema"]),
+    ("Reconstruct and score", &["reconstruct", "evaluate", "benchmark", "characterise", "jacobian"]),
+    ("Build", &["fabricate", "scan-table", "check-build", "check-device", "check-frames", "fit"]),
+    ("Calibrate", &["calibrate"]),
+    ("Live", &["emulate", "replay", "recover", "convert", "fault-campaign"]),
+    ("Simulate and train", &["experiment", "simulate", "train", "export"]),
+    ("Study", &["demo", "reproduce"]),
+    ("Shell", &["completions", "man"]),
+];
 
 macro_rules! run_each {
     ($command:expr, $($name:ident)*) => {

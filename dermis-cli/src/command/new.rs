@@ -2,6 +2,7 @@
 
 use crate::console::print;
 use crate::failure::{Failure, Outcome};
+use crate::range::count;
 use clap::{Args, ValueEnum};
 use dermis::design::FOREARM_STL;
 use dermis::frame::write_whole;
@@ -15,6 +16,9 @@ pub struct Arguments {
     /// File to write [default: BODY.toml]
     #[arg(short, long)]
     output: Option<PathBuf>,
+    /// Electrodes on the rim of a disk [default: 16]
+    #[arg(long, value_name = "N", value_parser = count(4..=256usize))]
+    electrodes: Option<usize>,
     /// Replace an existing file.
     #[arg(long)]
     force: bool,
@@ -44,10 +48,32 @@ impl BodyKind {
     }
 }
 
+impl BodyKind {
+    /// The template with some electrodes on the rim, none of them longer than 0.4 of their spacing.
+    fn with_electrodes(self, text: &str, count: usize) -> Outcome<String> {
+        let BodyKind::Disk = self else {
+            let fix = "edit [electrodes.layout] in the file that this command writes";
+            return Err(Failure::given("--electrodes is for disks", Some(fix)));
+        };
+        let spacing_m = std::f64::consts::PI * DISK_DIAMETER_M / count as f64;
+        let length_m = (0.4 * spacing_m).min(DISK_ARC_M);
+        let text = text.replace("\ncount = 16\n", &format!("\ncount = {count}\n"));
+        Ok(text.replace("length_m = 0.004 ", &format!("length_m = {length_m:.4} ")))
+    }
+}
+
+/// Diameter of the disk of the template, and length of its electrodes, m.
+const DISK_DIAMETER_M: f64 = 0.080;
+const DISK_ARC_M: f64 = 0.004;
+
 impl Arguments {
     /// Writes the file.
     pub fn run(self) -> Outcome {
         let (name, text) = self.body.template();
+        let text = match self.electrodes {
+            Some(count) => self.body.with_electrodes(text, count)?,
+            None => text.to_string(),
+        };
         let path = self.output.unwrap_or_else(|| format!("{name}.toml").into());
         let mut files = vec![(path.clone(), text.as_bytes())];
         if let BodyKind::Mesh = self.body {
@@ -60,6 +86,6 @@ impl Arguments {
         for (path, content) in files {
             write_whole(&path, |writer| writer.write_all(content))?;
         }
-        print(&format!("wrote {0}\nnext: dermis mesh {0} -o skin.vtu\n", path.display()))
+        print(&format!("wrote {0}\nnext: dermis plot {0} -o skin.svg\n", path.display()))
     }
 }

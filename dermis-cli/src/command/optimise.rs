@@ -74,7 +74,7 @@ pub struct Arguments {
     /// File of the starts that are done (JSON): written after each, continued if it exists.
     #[arg(long, value_name = "FILE")]
     state: Option<PathBuf>,
-    /// Design to write; its pattern is beside it.
+    /// Design to write; its pattern is beside it. The best so far is written as soon as it is found.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Write the bound against the number of electrodes (.csv or .svg).

@@ -1,15 +1,16 @@
 //! `dermis replay`: the contacts of a recording, recomputed from the messages of the device.
 
 use crate::command::recover::damage;
-use crate::console::{Progress, print};
-use crate::failure::{Failure, Outcome};
+use crate::console::{Progress, print, print_json};
+use crate::failure::Outcome;
+use crate::output::{json_line, to_standard_output};
 use clap::Args;
 use dermis::text::counted;
 use dermis_live::LiveError;
 use dermis_live::recording::RecordError;
 use dermis_live::recording::{Replay, Replayed};
 use dermis_live::sinks::jsonl::FrameLine;
-use std::io::{BufWriter, Write};
+use serde::Serialize;
 use std::path::PathBuf;
 
 /// The arguments of `dermis replay`.
@@ -26,6 +27,9 @@ pub struct Arguments {
     /// Print a summary instead of a line of JSON per frame.
     #[arg(long, conflicts_with = "contacts")]
     summary: bool,
+    /// Print JSON, which the lines of frames always are: the summary too.
+    #[arg(long)]
+    json: bool,
 }
 
 impl Arguments {
@@ -34,42 +38,50 @@ impl Arguments {
         let mut replay = Replay::open(&self.recording, &dermis_learn::methods(), self.method.as_deref())?;
         let name = replay.skin().design().name.clone();
         let waiting = Progress::waiting("replaying");
-        let mut out = BufWriter::new(std::io::stdout().lock());
-        let (mut frames, mut touched, mut damaged) = (0u64, 0u64, 0);
-        loop {
-            let frame = match replay.step() {
-                Ok(None) => break,
-                Ok(Some(Replayed::Frame(frame))) => frame,
-                Ok(Some(Replayed::Command(_))) => continue,
-                Err(LiveError::Record(RecordError::Damaged { .. })) => {
-                    damaged += 1;
-                    continue;
+        let mut counts = ReplayCounts::default();
+        let mut failure = Ok(());
+        to_standard_output(|out| {
+            loop {
+                let frame = match replay.step() {
+                    Ok(None) => return Ok(()),
+                    Ok(Some(Replayed::Frame(frame))) => frame,
+                    Ok(Some(Replayed::Command(_))) => continue,
+                    Err(LiveError::Record(RecordError::Damaged { .. })) => {
+                        counts.damaged_parts += 1;
+                        continue;
+                    }
+                    Err(error) => {
+                        failure = Err(error);
+                        return Ok(());
+                    }
+                };
+                counts.frames += 1;
+                counts.touched_frames += u64::from(!frame.result.contacts.is_empty());
+                match (self.summary, self.contacts) {
+                    (true, _) => {}
+                    (_, true) => json_line(out, &frame.result.contacts)?,
+                    _ => json_line(out, &FrameLine::new(&frame, &name))?,
                 }
-                Err(error) => return Err(error.into()),
-            };
-            frames += 1;
-            touched += u64::from(!frame.result.contacts.is_empty());
-            let written = match (self.summary, self.contacts) {
-                (true, _) => Ok(()),
-                (_, true) => serde_json::to_writer(&mut out, &frame.result.contacts).map_err(std::io::Error::from),
-                _ => serde_json::to_writer(&mut out, &FrameLine::new(&frame, &name)).map_err(std::io::Error::from),
-            };
-            let written = if self.summary { written } else { written.and_then(|()| out.write_all(b"\n")) };
-            match written {
-                Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => return Ok(()),
-                written => written.map_err(|error| Failure::given(format!("cannot write: {error}"), None))?,
             }
-        }
-        let flushed = out.flush();
-        drop(out);
-        drop(waiting);
-        flushed.or_else(|error| match error.kind() {
-            std::io::ErrorKind::BrokenPipe => Ok(()),
-            _ => Err(Failure::given(format!("cannot write: {error}"), None)),
         })?;
-        if self.summary {
-            print(&format!("{}, {touched} of them with contacts\n", counted(frames, "frame")))?;
+        drop(waiting);
+        failure?;
+        match (self.summary, self.json) {
+            (true, true) => print_json(&counts)?,
+            (true, false) => {
+                let frames = counted(counts.frames, "frame");
+                print(&format!("{frames}, {} of them with contacts\n", counts.touched_frames))?;
+            }
+            _ => {}
         }
-        damage(&self.recording, damaged)
+        damage(&self.recording, counts.damaged_parts)
     }
+}
+
+/// What a replay counts.
+#[derive(Debug, Default, Serialize)]
+struct ReplayCounts {
+    frames: u64,
+    touched_frames: u64,
+    damaged_parts: usize,
 }

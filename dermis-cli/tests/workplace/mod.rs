@@ -29,6 +29,13 @@ max_edge_m = 0.01
 electrode_edge_m = 0.0025
 "#;
 
+/// The commands that `dermis --help` lists.
+pub fn listed_commands(help: &str) -> Vec<String> {
+    let rows = help.lines().filter_map(|line| line.strip_prefix("  "));
+    let rows = rows.filter(|row| row.starts_with(|first: char| first.is_ascii_lowercase()));
+    rows.filter_map(|row| row.split_whitespace().next().map(str::to_owned)).collect()
+}
+
 /// A temporary working folder, removed when dropped.
 pub struct Workplace {
     folder: TempDir,

@@ -106,35 +106,55 @@ const CONNECT: Duration = Duration::from_secs(3);
 /// # Errors
 /// A device that cannot be reached; the error states the fix.
 pub fn open(address: &Address) -> Result<Box<dyn Line>, LiveError> {
-    let unreachable = |message: String| LiveError::Unreachable { address: address.to_string(), message };
+    let failed = |Unopened { message, is_absent }| match is_absent {
+        true => LiveError::Absent { address: address.to_string(), message },
+        false => LiveError::Unreachable { address: address.to_string(), message },
+    };
     match address {
-        Address::Tcp(host) => Ok(Box::new(open_tcp(host).map_err(unreachable)?)),
-        Address::Serial { port, baud } => Ok(Box::new(open_serial(port, *baud).map_err(unreachable)?)),
-        Address::Stdin => Ok(Box::new(Stdin::open().map_err(unreachable)?)),
+        Address::Tcp(host) => Ok(Box::new(open_tcp(host).map_err(failed)?)),
+        Address::Serial { port, baud } => Ok(Box::new(open_serial(port, *baud).map_err(failed)?)),
+        Address::Stdin => Ok(Box::new(Stdin::open().map_err(|message| failed(message.into()))?)),
         Address::Csv(from) => open(from),
     }
 }
 
-fn open_tcp(host: &str) -> Result<TcpStream, String> {
+/// A connection that was not made.
+struct Unopened {
+    /// Why, and the fix.
+    message: String,
+    /// Whether the device may come later.
+    is_absent: bool,
+}
+
+impl From<String> for Unopened {
+    fn from(message: String) -> Self {
+        Unopened { message, is_absent: false }
+    }
+}
+
+fn open_tcp(host: &str) -> Result<TcpStream, Unopened> {
     let addresses = host.to_socket_addrs().map_err(|error| format!("{error}; write tcp:HOST:PORT"))?;
-    let mut last = "no such host".to_string();
+    let mut last = Unopened::from("no such host".to_string());
     for address in addresses {
         match TcpStream::connect_timeout(&address, CONNECT) {
             Ok(stream) => {
                 // Deliver a frame as soon as it is complete.
                 let set = stream.set_nodelay(true).and_then(|()| stream.set_read_timeout(Some(PATIENCE)));
-                return set.map(|()| stream).map_err(|error| error.to_string());
+                return set.map(|()| stream).map_err(|error| error.to_string().into());
             }
             Err(error) if error.kind() == ErrorKind::ConnectionRefused => {
-                last = "nobody listens there: is the device on, is the port right?".into();
+                let message = "nobody listens there: is the device on, is the port right?".into();
+                last = Unopened { message, is_absent: true };
             }
-            Err(error) => last = error.to_string(),
+            Err(error) => {
+                last = Unopened { message: error.to_string(), is_absent: error.kind() == ErrorKind::TimedOut };
+            }
         }
     }
     Err(last)
 }
 
-fn open_serial(port: &str, baud: u32) -> Result<serial2::SerialPort, String> {
+fn open_serial(port: &str, baud: u32) -> Result<serial2::SerialPort, Unopened> {
     let opened = || {
         // The port's settings are changed only after it is locked.
         let mut opened = serial2::SerialPort::open(port, serial2::KeepSettings)?;
@@ -145,7 +165,10 @@ fn open_serial(port: &str, baud: u32) -> Result<serial2::SerialPort, String> {
         opened.set_read_timeout(PATIENCE)?;
         Ok(opened)
     };
-    opened().map_err(|error| unopened(&error, port, baud))
+    opened().map_err(|error| Unopened {
+        message: unopened(&error, port, baud),
+        is_absent: error.kind() == ErrorKind::NotFound,
+    })
 }
 
 /// Locks a port for this program until it is closed: with two readers, each would receive only some of the bytes.

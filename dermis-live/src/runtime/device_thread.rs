@@ -23,10 +23,10 @@ impl DeviceThread {
         DeviceThread { shared, address, options }
     }
 
-    /// Reads until the skin is stopped or the input has ended.
-    pub(super) fn run(self, connection: Connection) {
+    /// Reads until the skin is stopped or the input has ended. Without a connection, waits for the device first.
+    pub(super) fn run(self, connection: Option<Connection>) {
         self.shared.await_begin();
-        let mut next = Some(connection);
+        let mut next = connection.or_else(|| self.connect(None));
         while let Some(connection) = next {
             let facts = connection.facts();
             self.shared.connected(facts.clone());
@@ -36,7 +36,7 @@ impl DeviceThread {
             }
             let stream = self.listen(connection);
             self.shared.disconnected();
-            next = stream.and_then(|stream| self.reconnect(stream));
+            next = stream.and_then(|stream| self.connect(Some(stream)));
         }
         self.shared.close_work();
     }
@@ -75,20 +75,27 @@ impl DeviceThread {
         None
     }
 
-    fn reconnect(&self, stream: Stream) -> Option<Connection> {
+    /// Tries to connect until the device answers or the skin is stopped; `stream` is that of a device that was lost.
+    fn connect(&self, stream: Option<Stream>) -> Option<Connection> {
         let mut reported = String::new();
         while !self.shared.is_stopped() {
             // Before the first attempt, too: a device may accept connections and end them at once.
             std::thread::sleep(RETRY);
-            match Connection::open(&self.address, self.shared.skin(), self.options, Some(stream.clone())) {
+            match Connection::open(&self.address, self.shared.skin(), self.options, stream.clone()) {
                 Ok(connection) => {
-                    self.shared.notice(Severity::Info, "the device is connected again".into());
+                    let again = if stream.is_some() { " again" } else { "" };
+                    self.shared.notice(Severity::Info, format!("the device is connected{again}"));
                     return Some(connection);
+                }
+                // A device that was accepted before is waited for: it may be exchanged once more.
+                Err(error @ LiveError::Refused { .. }) if stream.is_none() => {
+                    self.shared.fail(error);
+                    return None;
                 }
                 Err(error) => {
                     let why = error.to_string();
                     if why != reported {
-                        self.shared.notice(Severity::Error, why.clone());
+                        self.shared.notice(Severity::Error, format!("{why}; it is tried again four times a second"));
                         reported = why;
                     }
                 }

@@ -14,8 +14,8 @@
 //! let methods = Arc::new(MethodSet::new(&Methods::linear(), Skin::load("skin16")?, None)?);
 //! let address = Address::parse("tcp:127.0.0.1:1")?; // no device listens there
 //! let options =
-//!     LiveOptions { address, device: DeviceOptions::default(), settings: Settings::default(), state: None };
-//! assert!(matches!(Live::start(methods, options), Err(LiveError::Unreachable { .. })));
+//!     LiveOptions { address, device: DeviceOptions::default(), settings: Settings::default(), state: None, waits: false };
+//! assert!(matches!(Live::start(methods, options), Err(LiveError::Absent { .. })));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
@@ -61,6 +61,8 @@ pub struct LiveOptions {
     pub settings: Settings,
     /// The state of an earlier run, to continue from instead of a tare.
     pub state: Option<State>,
+    /// Whether to wait for a device that is not there yet, in place of an error.
+    pub waits: bool,
 }
 
 /// What subscribers receive.
@@ -110,13 +112,16 @@ impl Live {
     /// closed.
     ///
     /// # Errors
-    /// A device that cannot be reached or is refused; settings out of their ranges.
+    /// A device that cannot be reached or is refused, but for one that is waited for; settings out of their ranges.
     pub fn start(methods: Arc<MethodSet>, options: LiveOptions) -> Result<Self, LiveError> {
         let pipeline = match options.state {
             Some(state) => Pipeline::resume(Arc::clone(&methods), state)?,
             None => Pipeline::new(Arc::clone(&methods), options.settings.clone())?,
         };
-        let connection = Connection::open(&options.address, methods.skin(), options.device, None)?;
+        let connection = match Connection::open(&options.address, methods.skin(), options.device, None) {
+            Err(LiveError::Absent { .. }) if options.waits => None,
+            opened => Some(opened?),
+        };
         let shared = LiveHandle::new(&pipeline);
         // Standard input may be a file, whose frames wait for each other.
         let kind = if options.address.is_patient() { Input::Stream } else { Input::Device };
@@ -148,6 +153,9 @@ impl Live {
         input: Input,
         source: impl FnOnce() + Send + 'static,
     ) -> Self {
+        // A method that fails is reported when it is asked for.
+        let methods = Arc::clone(pipeline.methods());
+        spawn("dermis-methods", move || drop(methods.prepare()));
         let worker = PipelineThread::new(Arc::clone(&shared), pipeline, input);
         let [of_source, of_worker] = [(); 2].map(|()| EndsOnPanic(Arc::clone(&shared)));
         let source = move || of_source.run(source);

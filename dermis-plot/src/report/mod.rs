@@ -28,24 +28,29 @@ const STYLE: &str = include_str!("style.css");
 #[derive(Debug, Clone)]
 pub struct Report {
     title: String,
+    lead: String,
     body: String,
+    sections: Vec<String>,
 }
+
+/// Pages with at least as many sections begin with a list of them.
+const CONTENTS: usize = 3;
 
 impl Report {
     /// A page with a title and an introductory sentence.
     pub fn new(title: &str, lead: &str) -> Self {
-        let body = format!("<h1>{}</h1>\n<p class=\"lead\">{}</p>\n", escaped(title), escaped(lead));
-        Report { title: title.to_string(), body }
+        Report { title: title.to_string(), lead: lead.to_string(), body: String::new(), sections: Vec::new() }
     }
 
     /// Begins a section.
     pub fn heading(&mut self, text: &str) {
-        let _ = writeln!(self.body, "<h2>{}</h2>", escaped(text));
+        self.sections.push(text.to_string());
+        let _ = writeln!(self.body, "<h2 id=\"s{}\">{}</h2>", self.sections.len(), marked(text));
     }
 
     /// Adds a paragraph.
     pub fn paragraph(&mut self, text: &str) {
-        let _ = writeln!(self.body, "<p>{}</p>", escaped(text));
+        let _ = writeln!(self.body, "<p>{}</p>", marked(text));
     }
 
     /// Adds commands or code.
@@ -87,8 +92,21 @@ impl Report {
     /// The page as HTML.
     pub fn to_html(&self) -> String {
         let version = env!("CARGO_PKG_VERSION");
-        let body = format!("<main>\n{}<footer>Made by dermis {version}.</footer>\n</main>\n", self.body);
+        let (title, lead) = (marked(&self.title), marked(&self.lead));
+        let head = format!("<h1>{title}</h1>\n<p class=\"lead\">{lead}</p>\n{}", self.contents());
+        let body = format!("<main>\n{head}{}<footer>Made by dermis {version}.</footer>\n</main>\n", self.body);
         document(&self.title, STYLE, &body)
+    }
+
+    /// Links to the sections.
+    fn contents(&self) -> String {
+        if self.sections.len() < CONTENTS {
+            return String::new();
+        }
+        let link =
+            |(index, section): (usize, &String)| format!("<a href=\"#s{}\">{}</a>\n", index + 1, marked(section));
+        let links: String = self.sections.iter().enumerate().map(link).collect();
+        format!("<nav aria-label=\"Contents\">\n{links}</nav>\n")
     }
 }
 
@@ -104,7 +122,21 @@ pub fn document(title: &str, style: &str, body: &str) -> String {
 
 /// A picture (SVG) with its caption (text).
 pub fn figure(svg: &str, caption: &str) -> String {
-    format!("<figure>\n{svg}<figcaption>{}</figcaption>\n</figure>\n", escaped(caption))
+    format!("<figure>\n{svg}<figcaption>{}</figcaption>\n</figure>\n", marked(caption))
+}
+
+/// A text as markup: what stands between backticks is code.
+pub fn marked(text: &str) -> String {
+    let escaped = escaped(text);
+    let parts: Vec<&str> = escaped.split('`').collect();
+    // Without its partner a backtick is a character.
+    let closed = parts.len() - (parts.len() + 1) % 2;
+    let part = |(index, part): (usize, &&str)| match index {
+        index if index >= closed => format!("`{part}"),
+        index if index % 2 == 1 => format!("<code>{part}</code>"),
+        _ => (*part).to_string(),
+    };
+    parts.iter().enumerate().map(part).collect()
 }
 
 /// A row for each finding.
@@ -146,5 +178,21 @@ mod tests {
         for foreign in ["src=", "href=", "url(", "@import", "<script"] {
             assert!(!html.contains(foreign), "{foreign}");
         }
+    }
+
+    #[test]
+    fn a_page_of_sections_lists_them() {
+        let mut report = Report::new("Page", "lead");
+        ["One", "`two` & three", "Four"].map(|section| report.heading(section));
+        let html = report.to_html();
+        assert!(html.contains("<a href=\"#s2\"><code>two</code> &amp; three</a>"), "{html}");
+        assert!(html.contains("<h2 id=\"s2\"><code>two</code> &amp; three</h2>"), "{html}");
+    }
+
+    #[test]
+    fn backticks_mark_code() {
+        assert_eq!(marked("a `b<` c `d` e"), "a <code>b&lt;</code> c <code>d</code> e");
+        assert_eq!(marked("a `b` c ` d"), "a <code>b</code> c ` d");
+        assert_eq!((marked("a"), marked("`"), marked("")), ("a".into(), "`".into(), String::new()));
     }
 }

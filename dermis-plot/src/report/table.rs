@@ -1,6 +1,6 @@
 //! A small table, for terminals and pages.
 
-use dermis::text::escaped;
+use super::marked;
 use std::fmt::Write as _;
 
 /// A table of text cells; the first column names the row.
@@ -74,7 +74,7 @@ impl Table {
         };
         let classes: Vec<&str> = (0..self.header.len()).map(class).collect();
         let line = |cells: &[String], tag: &str| {
-            let cell = |(cell, class): (&String, &&str)| format!("<{tag}{class}>{}</{tag}>", escaped(cell));
+            let cell = |(cell, class): (&String, &&str)| format!("<{tag}{class}>{}</{tag}>", marked(cell));
             format!("<tr>{}</tr>\n", cells.iter().zip(&classes).map(cell).collect::<String>())
         };
         let rows: String = self.rows.iter().map(|row| line(row, "td")).collect();

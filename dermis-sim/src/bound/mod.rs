@@ -50,6 +50,9 @@ const LOG_STEP: f64 = 0.01;
 const EDGE: f64 = 0.6;
 /// Shortest edge over that of the design: 16 times as many cells.
 const FINEST: f64 = 0.25;
+/// Longest edge over that of the design. A press is integrated over the cells, so that those of a small disk may be twice as
+/// long: its bounds stay within 1 %.
+const COARSEST: f64 = 2.0;
 /// Angles of a mean over directions.
 const ANGLES: u32 = 64;
 /// Standard deviation of the logarithm of the tip radius of an unknown object: a factor of 1.6.
@@ -133,7 +136,7 @@ struct Physics {
 
 impl Bounds {
     /// The bounds of a design with the presses, the noise and the drift of a twin, whose manufacturing errors and faults
-    /// are left out. The mesh is the design's, or a finer one if its cells are large for the tip ([`refined`]).
+    /// are left out. The mesh has cells that suit the tip ([`refined`]).
     ///
     /// # Errors
     /// Presses that the twin cannot simulate; a twin without noise; a design without a solution.
@@ -233,19 +236,25 @@ impl Bounds {
         press: &Press,
         normal: Point3,
     ) -> crate::Result<[Vec<f64>; PARAMETERS]> {
+        let column = |[forward, back]: [Press; 2], step: f64| -> crate::Result<Vec<f64>> {
+            Ok(precision.whiten(quotient(&self.clean(&[forward])?, &self.clean(&[back])?, step)))
+        };
+        let [around, along, force, radius] = self.steps(press, normal);
+        Ok([column(around, STEP_M)?, column(along, STEP_M)?, column(force, LOG_STEP)?, column(radius, LOG_STEP)?])
+    }
+
+    /// A press moved forward and back by a step of each parameter.
+    fn steps(&self, press: &Press, normal: Point3) -> [[Press; 2]; PARAMETERS] {
         let moved = |step_m: [f64; 2]| Press { centre_m: self.moved(press.centre_m, normal, step_m), ..*press };
         let grown = |factor: f64| Press { force_n: press.force_n * factor, ..*press };
         let wider = |factor: f64| Press { tip_radius_m: press.tip_radius_m * factor, ..*press };
         let ratio = LOG_STEP.exp();
-        let column = |[forward, back]: [Press; 2], step: f64| -> crate::Result<Vec<f64>> {
-            Ok(precision.whiten(quotient(&self.clean(&[forward])?, &self.clean(&[back])?, step)))
-        };
-        Ok([
-            column([moved([STEP_M, 0.0]), moved([-STEP_M, 0.0])], STEP_M)?,
-            column([moved([0.0, STEP_M]), moved([0.0, -STEP_M])], STEP_M)?,
-            column([grown(ratio), grown(1.0 / ratio)], LOG_STEP)?,
-            column([wider(ratio), wider(1.0 / ratio)], LOG_STEP)?,
-        ])
+        [
+            [moved([STEP_M, 0.0]), moved([-STEP_M, 0.0])],
+            [moved([0.0, STEP_M]), moved([0.0, -STEP_M])],
+            [grown(ratio), grown(1.0 / ratio)],
+            [wider(ratio), wider(1.0 / ratio)],
+        ]
     }
 
     /// A point moved along the skin: [around, along] on a cylinder, [x, y] on a flat skin, else along two tangents.
@@ -281,13 +290,13 @@ fn equations(columns: &[Vec<f64>; PARAMETERS], residuals: &[f64], log_radius: f6
     normal
 }
 
-/// A design with a mesh that is fine enough for the contact of a tip on its coating: edges of at most 0.6 of its radius,
-/// but no shorter than a quarter of the design's. The mesh of a volume is kept.
+/// A design with a mesh that is as fine as the contact of a tip on its coating needs: edges of 0.6 of its radius, but no shorter
+/// than a quarter and no longer than twice those of the design. The mesh of a volume is kept.
 pub fn refined(design: &SkinDesign, options: &BoundOptions) -> SkinDesign {
     let mut refined = design.clone();
     if design.sheet.kind == SheetKind::Surface {
         let given_m = design.mesh.max_edge_m;
-        refined.mesh.max_edge_m = (EDGE * options.tip_radius_m).clamp(FINEST * given_m, given_m);
+        refined.mesh.max_edge_m = (EDGE * options.tip_radius_m).clamp(FINEST * given_m, COARSEST * given_m);
     }
     refined
 }

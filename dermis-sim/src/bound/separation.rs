@@ -1,7 +1,7 @@
 //! The distance at which two presses are told from one.
 
 use super::precision::Precision;
-use super::{Bounds, LOG_RADIUS_SD, PARAMETERS, difference, equations};
+use super::{Bounds, LOG_RADIUS_SD, LOG_STEP, PARAMETERS, STEP_M, difference, equations};
 use crate::elementary::{erf, exp};
 use crate::twin::{Press, TwinError};
 use dermis::estimate::least_squares::{Control, LeastSquares, Normal, Steps, minimise};
@@ -48,18 +48,25 @@ impl Bounds {
     pub fn separation_m(&self, place_m: Point3, direction_rad: f64) -> crate::Result<Option<f64>> {
         let needed = needed_misfit();
         let [mut low, mut high] = DISTANCES_M;
-        let is_resolved = |distance_m: f64| -> crate::Result<bool> {
-            Ok(self.misfit_of_one(&self.pair(place_m, distance_m, direction_rad), needed)? >= needed)
-        };
+        let misfit = |distance_m: f64| self.misfit_of_one(&self.pair(place_m, distance_m, direction_rad), needed);
         while high > low && self.clean(&self.pair(place_m, high, direction_rad)).is_err() {
             high *= 0.8;
         }
-        if high <= low || !is_resolved(high)? {
+        if high <= low {
+            return Ok(None);
+        }
+        let mut of_high = misfit(high)?;
+        if of_high < needed {
             return Ok(None);
         }
         while high > (1.0 + ACCURACY) * low {
-            let middle = (low * high).sqrt();
-            if is_resolved(middle)? { high = middle } else { low = middle }
+            // The fourth power of small distances; large ones give a distance that is too large.
+            let guess = (high * (needed / of_high).sqrt().sqrt()).min(high / (1.0 + ACCURACY));
+            let next = if guess > low { guess } else { (low * high).sqrt() };
+            match misfit(next)? {
+                found if found >= needed => (high, of_high) = (next, found),
+                _ => low = next,
+            }
         }
         Ok(Some(high))
     }
@@ -134,6 +141,16 @@ impl SingleFit<'_> {
         Some(Candidate { press, misfit, residuals })
     }
 
+    /// The change of the frame by each parameter, as one-sided quotients: they set the way to the minimum, not the minimum.
+    fn derivatives(&self, at: &Candidate, normal: Point3) -> crate::Result<[Vec<f64>; PARAMETERS]> {
+        let column = |[moved, _]: [Press; 2], step: f64| -> crate::Result<Vec<f64>> {
+            let residuals = self.precision.whiten(difference(&self.target, &self.bounds.clean(&[moved])?));
+            Ok(at.residuals.iter().zip(&residuals).map(|(here, there)| (here - there) / step).collect())
+        };
+        let [around, along, force, radius] = self.bounds.steps(&at.press, normal);
+        Ok([column(around, STEP_M)?, column(along, STEP_M)?, column(force, LOG_STEP)?, column(radius, LOG_STEP)?])
+    }
+
     fn log_radius(&self, press: &Press) -> f64 {
         (press.tip_radius_m / self.bounds.options.tip_radius_m).ln()
     }
@@ -151,7 +168,7 @@ impl LeastSquares for SingleFit<'_> {
     /// Where the place has no derivatives, at an edge, or no effect, the press stays where it is.
     fn equations(&self, at: &Candidate) -> Result<Normal, NotPositiveDefinite> {
         let normal = self.bounds.surface().normal(at.press.centre_m);
-        let columns = normal.and_then(|normal| self.bounds.derivatives(&self.precision, &at.press, normal).ok());
+        let columns = normal.and_then(|normal| self.derivatives(at, normal).ok());
         let found = columns.map(|columns| equations(&columns, &at.residuals, self.log_radius(&at.press)));
         let still = || Normal::new(&[&[][..]; PARAMETERS], &[]).with_unit_priors(&[0.0; PARAMETERS]);
         Ok(found.filter(|found| found.factor().is_ok()).unwrap_or_else(still))

@@ -99,7 +99,9 @@ impl PaperExperiment {
         let recordings = self.record(on_frame)?;
         let mut sets = Vec::new();
         for (set, recording) in self.sets.iter().zip(recordings.iter()) {
-            write_set(&folder.join(set.name), design, set, recording)?;
+            if !set.presses.is_empty() {
+                write_set(&folder.join(set.name), design, set, recording)?;
+            }
             sets.push(SetSummary::new(design, set, recording));
         }
         let summary = ExperimentSummary {

@@ -14,7 +14,7 @@ const PHASE_STREAM: u64 = 1 << 61;
 /// The number of frames of each kind in an experiment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sizes {
-    /// Every n-th pixel of the grid is pressed.
+    /// Every n-th pixel of the grid is pressed; 0: none.
     pub grid_step: usize,
     /// Number of single presses at random positions.
     pub random: usize,

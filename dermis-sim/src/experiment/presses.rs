@@ -74,12 +74,13 @@ impl<'a> Presses<'a> {
         Presses { surface: design.body.surface(), pixels, mesh, areas_up_to, tree, design, options, seed }
     }
 
-    /// One press at the centre of every `step`-th pixel; with 1 the paper's experiment.
+    /// One press at the centre of every `step`-th pixel; with 1 the paper's experiment, with 0 none.
     pub fn on_grid(&self, step: usize) -> PressSet {
         let press = |(number, &centre_m): (usize, &Point3)| vec![self.press(centre_m, &mut self.rng(0, number as u64))];
+        let centres_m = self.pixels.centres_m.iter().enumerate();
         PressSet {
             name: "grid",
-            presses: self.pixels.centres_m.iter().enumerate().step_by(step.max(1)).map(press).collect(),
+            presses: centres_m.step_by(step.max(1)).filter(|_| step > 0).map(press).collect(),
             separations_m: vec![],
         }
     }

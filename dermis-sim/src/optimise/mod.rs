@@ -140,9 +140,15 @@ impl Layouts<'_> {
     }
 
     /// A start improved in rounds: where the exact bound exceeds that of the fast model, presses count more in the next
-    /// search near the layout. The exact bounds of the best of all are returned with it; `judged` is what to do after
+    /// search near the layout. The exact bounds of the best of all are returned with it; `judged` takes the best so far after
     /// each round. Start 0 continues from the given layout if that has a better bound.
-    fn refine(&self, start: Start, rounds: usize, mut judged: impl FnMut()) -> crate::Result<(Start, Judgement)> {
+    fn refine(
+        &self,
+        start: Start,
+        rounds: usize,
+        of_given: &Judgement,
+        mut judged: impl FnMut(&Start, &Judgement) -> crate::Result<()>,
+    ) -> crate::Result<(Start, Judgement)> {
         let Optimiser { options, text, path, given, twin, presses, .. } = self.shared;
         let exact = |start: &Start| {
             let text = design_text(text, path, &given.name, &start.electrodes_m, None)?;
@@ -152,14 +158,13 @@ impl Layouts<'_> {
         let judged_exactly = |start: Start| Ok::<_, crate::Error>((start.clone(), exact(&start)?));
         let mut best = judged_exactly(start)?;
         if let (0, Some(given)) = (best.0.index, self.given()?) {
-            let given = judged_exactly(given)?;
-            if given.1.of(options.objective) <= best.1.of(options.objective) {
-                best = given;
+            if of_given.of(options.objective) <= best.1.of(options.objective) {
+                best = (given, of_given.clone());
             }
         }
         let mut weights = vec![1.0f64; presses.responses.len()];
         let mut next = best.clone();
-        judged();
+        judged(&best.0, &best.1)?;
         for _ in 0..rounds {
             let model = self.model_bounds(&next.0.electrodes_m)?;
             for (weight, (place_m, model_m)) in weights.iter_mut().zip(&model) {
@@ -171,7 +176,7 @@ impl Layouts<'_> {
             if next.1.of(options.objective) < best.1.of(options.objective) {
                 best = next.clone();
             }
-            judged();
+            judged(&best.0, &best.1)?;
         }
         Ok(best)
     }

@@ -1,6 +1,7 @@
 //! From a design to a better one, with its files.
 
 use super::judge::{judge, with_noise_of};
+use super::options::Start;
 use super::state::{FoundLayout, State};
 use super::text::design_text;
 use super::{Judgement, Layouts, OptimiseOptions, Optimiser, centres_m, finite, select_readings};
@@ -126,7 +127,8 @@ impl SearchOptions {
 }
 
 /// Searches for a better design, and writes it to `output`, with the table of its pattern beside it. `design` is the path of
-/// a design file or a shipped name; the new design has the name of its file. Starts run in parallel.
+/// a design file or a shipped name; the new design has the name of its file. Starts run in parallel. A design that is better
+/// than the given one is written as soon as it is found.
 ///
 /// ```no_run
 /// use dermis_sim::optimise::{SearchOptions, optimise};
@@ -153,14 +155,13 @@ pub fn optimise(
     let text = SkinDesign::with_files(&SkinDesign::text_of(design)?, design)?;
     let given = SkinDesign::parse(&text, design)?;
     let run = Run { path: design, text: &text, given: &given, twin, options, output };
-    let found = if options.keep_electrodes { Vec::new() } else { run.search(&step)? };
-    let wanted = options.electrodes.unwrap_or(given.electrodes.len());
-    let best = found.iter().find(|one| one.start.electrodes_m.len() == wanted);
+    let bound = &options.optimise.bound;
+    let of_given = judge(&given, twin, bound)?;
+    let found = if options.keep_electrodes { Vec::new() } else { run.search(&of_given, &step)? };
+    let best = found.iter().find(|one| one.start.electrodes_m.len() == run.wanted());
     let electrodes_m = best.map_or_else(|| centres_m(&given), |one| one.start.electrodes_m.clone());
     let patterns = run.patterns(&electrodes_m, &step)?;
     let new = run.write(&electrodes_m, patterns.first())?;
-    let bound = &options.optimise.bound;
-    let of_given = judge(&given, twin, bound)?;
     let of_new = match patterns.first() {
         Some(pattern) => pattern.judgement.clone(),
         None => judge(&new, twin, bound)?,
@@ -211,8 +212,13 @@ struct Run<'a> {
 
 impl Run<'_> {
     /// The best layout for each number of electrodes, in ascending order.
-    fn search(&self, step: &(impl Fn() + Sync)) -> crate::Result<Vec<FoundLayout>> {
+    fn search(&self, of_given: &Judgement, step: &(impl Fn() + Sync)) -> crate::Result<Vec<FoundLayout>> {
         let SearchOptions { optimise: options, starts, rounds, state, .. } = self.options;
+        let best = Mutex::new(if self.wanted() == self.given.electrodes.len() {
+            of_given.of(options.objective)
+        } else {
+            f64::INFINITY
+        });
         let counts = self.options.all_counts(self.given);
         let text = hexadecimal(&sha256(self.text.as_bytes()));
         let conditions = format!("design {text}\n{:?}\n{options:?}\n{rounds} rounds", self.twin);
@@ -230,10 +236,25 @@ impl Run<'_> {
                 (0..=*rounds).for_each(|_| step());
                 return Ok(());
             }
-            let (start, judgement) = layouts.refine(layouts.start(index)?, *rounds, step)?;
+            // A search that is stopped has written the best design so far.
+            let keep = |start: &Start, judgement: &Judgement| {
+                step();
+                let mut best = best.lock().unwrap_or_else(PoisonError::into_inner);
+                if count == self.wanted() && judgement.of(options.objective) < *best {
+                    *best = judgement.of(options.objective);
+                    self.write(&start.electrodes_m, None)?;
+                }
+                Ok(())
+            };
+            let (start, judgement) = layouts.refine(layouts.start(index)?, *rounds, of_given, keep)?;
             locked().add(FoundLayout::new(start, &judgement))
         })?;
         Ok(counts.iter().filter_map(|&count| locked().best(count, *starts, options.objective)).collect())
+    }
+
+    /// Number of electrodes of the new design.
+    fn wanted(&self) -> usize {
+        self.options.electrodes.unwrap_or(self.given.electrodes.len())
     }
 
     /// The readings that are worth most, for each number of them.

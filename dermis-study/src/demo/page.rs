@@ -1,6 +1,6 @@
 //! The demo's report.
 
-use super::presses::{AMPLITUDE, CAVEAT, Demo, WIDTH_M};
+use super::presses::{CAVEAT, Demo, FORCE_N, TWIN};
 use crate::Result;
 use crate::comparison::Shown;
 use crate::plots::{LOCALISATION_CAPTION, Plots};
@@ -18,11 +18,12 @@ pub(super) fn report(demo: &Demo) -> Result<Report> {
     examples(&mut report, demo, &plots)?;
     the_skin(&mut report, demo, &plots)?;
     report.heading("Do it yourself");
-    report.paragraph("The same from the command line, on a design of your own (see `dermis --help`):");
+    report.paragraph("On a design of your own (see `dermis --help`):");
     report.code(
-        "dermis new cylinder -o my-skin.toml\ndermis mesh my-skin.toml -o my-skin.vtu\n\
-         dermis plot my-skin.toml --what sensitivity -o sensitivity.png\n\
-         dermis reconstruct my-skin.toml --frames frames.csv --baseline untouched.csv -o images.npy",
+        "dermis new cylinder -o my-skin.toml\ndermis plot my-skin.toml --what sensitivity -o sensitivity.png\n\
+         dermis forward my-skin.toml -o untouched.csv\n\
+         dermis contacts my-skin.toml --frames frames.csv --baseline untouched.csv -o contacts.csv\n\
+         dermis live my-skin.toml",
     );
     Ok(report)
 }
@@ -31,7 +32,6 @@ fn results(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
     report.heading("Where the presses were found");
     report.paragraph(&demo.heading());
     report.table(&demo.table());
-    report.paragraph(CAVEAT);
     let mut pictures = Vec::new();
     for shown in &demo.shown {
         let title = format!("Localisation of {}", counted(demo.truth.len(), "press"));
@@ -40,6 +40,8 @@ fn results(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
         pictures.push((plots.solid(&scene)?, "The same in space.".into()));
     }
     report.pictures(&pictures);
+    report.paragraph(CAVEAT);
+    report.table(&demo.whole_images());
     let mut pictures = Vec::new();
     for shown in &demo.shown {
         let title = format!("Localisation error, simulated; {}", shown.name);
@@ -98,13 +100,10 @@ fn nearest_press(demo: &Demo, z_m: f64, degrees: f64) -> usize {
 fn the_skin(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
     report.heading("The skin and its model");
     report.paragraph(&format!(
-        "A cylinder 300 mm long and 100 mm across with {} electrodes of 4 mm radius. A press raises the sheet's \
-         conductance by a Gaussian: to {} times the untouched value at its centre, with a standard deviation of {} mm. The frames come \
-         from a mesh of {} nodes, the images from one of {} nodes; a baseline is the mean of {} untouched frames, and \
-         each press is one frame with its own noise.",
+        "A cylinder 300 mm long and 100 mm across with {} electrodes of 4 mm radius. The twin `{TWIN}` is pressed with \
+         {FORCE_N} N at every pixel of the image. The frames come from a mesh of {} nodes, the images from one of {} nodes; a \
+         baseline is the mean of {} untouched frames, and each press is one frame with its own noise.",
         demo.skin.design().electrodes.len(),
-        1.0 + AMPLITUDE,
-        WIDTH_M * 1e3,
         demo.simulation_nodes,
         demo.skin.mesh().node_count(),
         dermis_sim::experiment::UNTOUCHED_FRAMES

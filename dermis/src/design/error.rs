@@ -64,6 +64,32 @@ fn meant(written: &str, known: &[&str]) -> Option<String> {
     closest_name(written, known.iter().copied()).map(|name| format!("did you mean `{name}`?"))
 }
 
+/// Where a table gives the key that a message names: the value of that key.
+pub(super) fn value_of_named_key(text: &str, table: &Range<usize>, message: &str) -> Option<Range<usize>> {
+    // The span of a table of its own is that of its header.
+    let is_header = text.as_bytes().get(table.start.checked_sub(1)?) == Some(&b'[');
+    let end = match is_header {
+        true => text.get(table.end..)?.find("\n[").map_or(text.len(), |more| table.end + more),
+        false => table.end,
+    };
+    let is_word = |byte: char| byte.is_alphanumeric() || byte == '_';
+    let names = |key: &str| message.split(|letter| !is_word(letter)).any(|word| word == key);
+    let mut begin = table.start;
+    for line in text.get(table.start..end)?.split_inclusive('\n') {
+        if let Some((key, value)) = line.split_once('=').filter(|_| !line.trim_start().starts_with('#')) {
+            let key = key.trim_matches(|letter| !is_word(letter)).rsplit('.').next().unwrap_or_default();
+            let value = value.split('#').next().unwrap_or_default().trim();
+            let at = line.find('=').unwrap_or(0);
+            if names(key) && !value.is_empty() && !value.contains(['{', ',']) {
+                let start = begin + at + line[at..].find(value)?;
+                return Some(start..start + value.len());
+            }
+        }
+        begin += line.len();
+    }
+    None
+}
+
 /// A name without its unit.
 fn stem(name: &str) -> &str {
     const UNITS: [&str; 22] = [

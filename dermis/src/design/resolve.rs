@@ -1,7 +1,7 @@
 //! Conversion of the tables of a design file to a skin.
 
 use crate::design::carried::{CarriedFiles, WrongLine};
-use crate::design::error::{DesignError, closest_name, explain_toml_error};
+use crate::design::error::{DesignError, closest_name, explain_toml_error, value_of_named_key};
 use crate::design::file::{
     At, BodyTable, DesignFile, ElectrodesTable, FabricationTable, ImageTable, LayoutTable, MeasuresStart, MeshTable,
     OneOrEach, PatternTable, ProtocolTable, ShapeTable, SheetTable, TouchName,
@@ -173,12 +173,9 @@ impl Source<'_> {
         message: impl Into<String>,
         fix: Option<String>,
     ) -> DesignError {
-        DesignError {
-            message: message.into(),
-            fix,
-            source_text: Some((self.name.to_string(), self.text.to_string())),
-            span,
-        }
+        let message = message.into();
+        let span = span.map(|span| value_of_named_key(self.text, &span, &message).unwrap_or(span));
+        DesignError { message, fix, source_text: Some((self.name.to_string(), self.text.to_string())), span }
     }
 
     /// A file named in the design, relative to the folder of the design.

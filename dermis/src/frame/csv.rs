@@ -195,8 +195,11 @@ fn shortened(text: &str) -> String {
     }
 }
 
-/// Writes rows of numbers, each with the shortest text that reads back as the same number.
-pub(super) fn write(writer: &mut dyn Write, values: &[f64], columns: usize) -> std::io::Result<()> {
+/// Writes rows of numbers as CSV, each number with the shortest text that reads back as the same number.
+///
+/// # Errors
+/// Those of the writer.
+pub fn write_csv(writer: &mut dyn Write, values: &[f64], columns: usize) -> std::io::Result<()> {
     for row in values.chunks(columns.max(1)) {
         for (index, value) in row.iter().enumerate() {
             let comma = if index == 0 { "" } else { "," };

@@ -15,6 +15,7 @@ mod table;
 mod truth;
 
 pub use broken::{broken_channels, disconnected_electrodes};
+pub use csv::write_csv;
 pub use currents::DriveCurrents;
 pub use differences::Differences;
 pub use lines::{FrameLine, FrameLines, LineError};

@@ -237,7 +237,7 @@ pub fn write_array(path: &Path, name: &str, shape: &[usize], values: &[f64]) -> 
     write_whole(path, |writer| match extension.as_ref().and_then(|extension| extension.to_str()) {
         Some("npy") => npy::write_npy(writer, shape, values),
         Some("npz") => npz::write_npz(writer, name, shape, values),
-        _ => csv::write(writer, values, shape.iter().skip(1).product()),
+        _ => csv::write_csv(writer, values, shape.iter().skip(1).product()),
     })
 }
 

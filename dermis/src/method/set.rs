@@ -2,23 +2,40 @@
 
 use crate::method::{Method, MethodError, MethodOptions, Methods};
 use crate::skin::Skin;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// A skin with the methods that a pipeline can change between.
-#[derive(Debug)]
 pub struct MethodSet {
     skin: Skin,
-    methods: Vec<Method>,
+    registry: Methods,
+    methods: Vec<Prepared>,
     default_name: String,
     /// The name of the additional method.
     extra: Option<String>,
+    /// Locked while a method is prepared.
+    preparing: Mutex<()>,
 }
 
-/// The one-step methods that are always prepared.
+/// A method that is prepared when it is first needed.
+struct Prepared {
+    name: String,
+    method: OnceLock<Method>,
+}
+
+/// The one-step methods of every set.
 const READY: [&str; 2] = ["noser", "laplace"];
 
+impl std::fmt::Debug for MethodSet {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let names: Vec<&str> = self.names().collect();
+        formatter.debug_struct("MethodSet").field("skin", &self.skin).field("names", &names).finish_non_exhaustive()
+    }
+}
+
 impl MethodSet {
-    /// Prepares the default method, the methods of other sources (the shipped networks), NOSER and Laplace, and the method
-    /// `extra` if it is not one of these: another linear one, or the folder of a network.
+    /// The default method, the methods of other sources (the shipped networks), NOSER and Laplace, and the method `extra` if it
+    /// is not one of these: another linear one, or the folder of a network. The default method and `extra` are prepared, the
+    /// others when they are first needed, or by [`prepare`](Self::prepare).
     ///
     /// # Errors
     /// A method that cannot be prepared.
@@ -26,14 +43,43 @@ impl MethodSet {
         let known = methods.names(&skin)?;
         let default_name = known[0].clone();
         let is_own = |name: &str| name == Methods::REFINED || Methods::LINEAR.contains(&name);
-        let is_ready = |name: &&str| *name == default_name || !is_own(name) || READY.contains(name);
-        let mut names: Vec<&str> = known.iter().map(String::as_str).filter(is_ready).collect();
-        let extra = extra.filter(|extra| !extra.is_empty() && !names.contains(extra));
-        names.extend(extra);
-        let prepared = names.iter().map(|name| methods.method(&skin, name, &MethodOptions::default()));
-        let methods = prepared.collect::<Result<Vec<Method>, MethodError>>()?;
-        let extra = extra.map(str::to_string);
-        Ok(MethodSet { skin, methods, default_name, extra })
+        let is_ready = |name: &&String| **name == default_name || !is_own(name) || READY.contains(&name.as_str());
+        let mut names: Vec<String> = known.iter().filter(is_ready).cloned().collect();
+        let extra =
+            extra.filter(|extra| !extra.is_empty() && !names.iter().any(|name| name == extra)).map(str::to_string);
+        names.extend(extra.clone());
+        let methods_of = |name| Prepared { name, method: OnceLock::new() };
+        let set = MethodSet {
+            skin,
+            registry: methods.clone(),
+            methods: names.into_iter().map(methods_of).collect(),
+            default_name,
+            extra,
+            preparing: Mutex::default(),
+        };
+        set.method("")?;
+        set.extra.as_deref().map_or(Ok(()), |extra| set.method(extra).map(drop))?;
+        Ok(set)
+    }
+
+    /// Prepares all methods, so that a later change of the method takes no time.
+    ///
+    /// # Errors
+    /// A method that cannot be prepared.
+    pub fn prepare(&self) -> Result<(), MethodError> {
+        self.methods.iter().try_for_each(|one| self.prepared(one).map(drop))
+    }
+
+    fn prepared<'a>(&self, one: &'a Prepared) -> Result<&'a Method, MethodError> {
+        if let Some(method) = one.method.get() {
+            return Ok(method);
+        }
+        let _one_at_a_time = self.preparing.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(method) = one.method.get() {
+            return Ok(method);
+        }
+        let method = self.registry.method(&self.skin, &one.name, &MethodOptions::default())?;
+        Ok(one.method.get_or_init(|| method))
     }
 
     /// The skin.
@@ -43,25 +89,26 @@ impl MethodSet {
 
     /// The names of the methods.
     pub fn names(&self) -> impl Iterator<Item = &str> {
-        self.methods.iter().map(Method::name)
+        self.methods.iter().map(|one| one.name.as_str())
     }
 
     /// The additional method, if any.
     pub fn extra(&self) -> Option<&Method> {
         let name = self.extra.as_deref()?;
-        self.methods.iter().find(|method| method.name() == name)
+        self.methods.iter().find(|one| one.name == name)?.method.get()
     }
 
     /// The method with this name; the default one for an empty name.
     ///
     /// # Errors
-    /// An unknown name; the error lists the available ones.
+    /// An unknown name; the error lists the available ones. A method that cannot be prepared.
     pub fn method(&self, name: &str) -> Result<&Method, MethodError> {
         let name = if name.is_empty() { &self.default_name } else { name };
-        self.methods.iter().find(|method| method.name() == name).ok_or_else(|| MethodError::Unknown {
+        let one = self.methods.iter().find(|one| one.name == name).ok_or_else(|| MethodError::Unknown {
             name: name.into(),
             skin: self.skin.design().name.clone(),
             known: self.names().map(str::to_string).collect(),
-        })
+        })?;
+        self.prepared(one)
     }
 }
