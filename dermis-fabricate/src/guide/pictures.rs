@@ -24,40 +24,49 @@ pub(super) fn sheet(fabrication: &Fabrication, name: &str) -> Option<String> {
     sheets.iter().find(|sheet| sheet.name == name).map(|sheet| sheet::figure(sheet, BOX_MM))
 }
 
-/// A line of the picture's legend: where it points to, and its text.
-type Pointer = ([f64; 2], String);
-
 const CHANNEL: &str =
     "<rect x=\"4\" y=\"43\" width=\"52\" height=\"9\" fill=\"#ffffff\" stroke=\"#1c2330\" stroke-width=\"0.25\"/>\n";
 
-/// A section of the wall through a bore, along its channel. Not to scale.
+/// A section of the wall through a bore, along its channel, not to scale, with numbers where the lines of
+/// [`wall_legend`] point to.
 pub(super) fn wall(options: &FabricationOptions) -> String {
-    let channel = if options.channel_depth_m > 0.0 { CHANNEL } else { "" };
-    let pointer = |(row, ([x, y], label)): (usize, &Pointer)| {
-        let at = 6.5 + 7.2 * row as f64;
+    let has_channel = options.channel_depth_m > 0.0;
+    let pointer = |(row, [x, y]): (usize, &[f64; 2])| {
         format!(
-            "<path d=\"M{x} {y} L101 {at}\" fill=\"none\" stroke=\"#5a6472\" stroke-width=\"0.2\"/>\
-             <circle cx=\"{x}\" cy=\"{y}\" r=\"0.6\" fill=\"#1c2330\"/><text x=\"102\" y=\"{:.1}\">{label}</text>\n",
-            at + 1.2
+            "<circle cx=\"{x}\" cy=\"{y}\" r=\"2.6\" fill=\"#fff\" stroke=\"#1c2330\" stroke-width=\"0.25\"/>\
+             <text x=\"{x}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>\n",
+            y + 1.2,
+            row + 1
         )
     };
-    let pointers: String = pointers(options).iter().enumerate().map(pointer).collect();
-    format!(include_str!("wall.svg"), channel = channel, pointers = pointers)
+    format!(
+        include_str!("wall.svg"),
+        channel = if has_channel { CHANNEL } else { "" },
+        // To half the depth of the channel; without one beyond the inner face.
+        pin = if has_channel { 23.5 } else { 29.0 },
+        wire = if has_channel { 47.5 } else { 53.0 },
+        pointers = PLACES_MM.iter().enumerate().map(pointer).collect::<String>()
+    )
 }
 
-fn pointers(options: &FabricationOptions) -> Vec<Pointer> {
+/// Places of the numbers in the section of the wall.
+const PLACES_MM: [[f64; 2]; 8] =
+    [[84.0, 9.0], [72.0, 15.1], [37.0, 22.5], [90.0, 25.3], [50.0, 34.0], [78.0, 40.0], [20.0, 49.6], [30.0, 45.5]];
+
+/// What the numbers in the section of the wall are.
+pub(super) fn wall_legend(options: &FabricationOptions) -> [String; 8] {
     let channel = match options.channel_depth_m > 0.0 {
-        true => format!("channel {} wide, {} deep", mm(options.channel_width_m), mm(options.channel_depth_m)),
+        true => format!("channel {} mm wide, {} mm deep", mm(options.channel_width_m), mm(options.channel_depth_m)),
         false => "inner side: wires, no channels".into(),
     };
-    vec![
-        ([90.0, 9.0], format!("foam {}", mm(options.foam_thickness_m))),
-        ([80.0, 15.1], format!("fabric patches, pitch {}, gap {}", mm(options.patch_pitch_m), mm(options.patch_gap_m))),
-        ([58.0, 24.0], "silver paste on the pad".into()),
-        ([90.0, 25.3], "coat".into()),
-        ([50.0, 31.0], format!("electrode in a bore of {}", mm(options.bore_m))),
-        ([88.0, 40.0], format!("wall {}", mm(options.wall_m))),
-        ([12.0, 48.5], "wire".into()),
-        ([20.0, 45.0], channel),
+    [
+        format!("foam, {} mm", mm(options.foam_thickness_m)),
+        format!("fabric patches, pitch {} mm, gap {} mm", mm(options.patch_pitch_m), mm(options.patch_gap_m)),
+        "silver paste on the pad".into(),
+        "coat".into(),
+        format!("electrode in a bore of {} mm", mm(options.bore_m)),
+        format!("wall, {} mm", mm(options.wall_m)),
+        "wire".into(),
+        channel,
     ]
 }
