@@ -37,6 +37,8 @@ fn steps(fabrication: &Fabrication) -> Vec<String> {
     if fabrication.chart.is_some() {
         let file = code("patterns/coat-mask.svg");
         steps.push(format!("Cut a mask from {file}: outline COAT for the coat, PADS for the paste."));
+    } else {
+        steps.push("The body does not unroll: mask its edges with tape.".into());
     }
     let [wide, long] = STRIP_MM;
     let ohm = 1.0 / design.sheet.conductance;

@@ -3,13 +3,13 @@
 use super::html::{self, Section, code, list, mm};
 use super::pictures;
 use crate::model::Fabrication;
-use dermis::design::{Body, TouchEffect};
+use dermis::design::Body;
 use dermis_plot::report::figure;
 
 pub(super) fn section(fabrication: &Fabrication) -> Section {
-    let text = match fabrication.design.sheet.touch {
-        TouchEffect::ConductanceRises => patches(fabrication),
-        TouchEffect::ConductanceFalls => {
+    let text = match pictures::is_covered(fabrication) {
+        true => patches(fabrication),
+        false => {
             "<p>This coat conducts less where it is pressed (<code>touch = \"conductance_falls\"</code>): pressing stretches \
              it. Lay no conductive fabric on it: patches would let it conduct more there. The files of patches and foam in \
              this folder are for coats that conduct more, and are not used here. Protect the coat with a soft film that \

@@ -30,11 +30,15 @@ pub(super) fn overview(fabrication: &Fabrication) -> Result<Section, FabricateEr
         Some(ElectrodeShape::Point) | None => "points".into(),
         Some(ElectrodeShape::Group) => "groups of nodes of the mesh file".into(),
     };
+    let patches = match pictures::is_covered(fabrication) {
+        true => format!("{}, {} mm apart", fabrication.patches.len(), mm(options.patch_pitch_m)),
+        false => "none".into(),
+    };
     let rows = [
         ("Body", size),
         ("Electrodes", format!("{}: {shape}", fabrication.electrodes.len())),
         ("Coat", format!("{:.0} ohm per square", 1.0 / design.sheet.conductance)),
-        ("Patches", format!("{}, {} mm apart", fabrication.patches.len(), mm(options.patch_pitch_m))),
+        ("Patches", patches),
         ("Readings", format!("{} in a frame", electrical.readings.len())),
         ("Frames", format!("{:.0} a second", electrical.frame_rate_hz())),
     ];
@@ -56,15 +60,15 @@ pub(super) fn overview(fabrication: &Fabrication) -> Result<Section, FabricateEr
 pub(super) fn parts(fabrication: &Fabrication) -> Result<Section, FabricateError> {
     let parts = electrical::parts(fabrication)?;
     let row = |one: &electrical::Part| {
-        let quantity = electrical::amount(one.quantity, one.unit);
-        [one.part.clone(), one.kind.clone(), quantity, one.unit.into(), one.purpose.into()]
+        let quantity = format!("{} {}", electrical::amount(one.quantity, one.unit), one.unit);
+        [one.part.clone(), one.kind.clone(), quantity, one.purpose.into()]
     };
     let text = format!(
         "<p>Quantities are those of the design ({}); add what is cut away and lost. Also needed are silver paste, \
          two-part glue that holds metal in the print, filler, abrasive paper, masking tape, elastic tape, solder, an \
          ohmmeter, a drill of the bores' size and calipers.</p>\n{}",
         code("tables/parts.csv"),
-        table(["Part", "Type", "Quantity", "Unit", "For"], parts.iter().map(row)).to_html()
+        table(["Part", "Type", "Quantity", "For"], parts.iter().map(row)).to_html()
     );
     Ok(section("Parts and materials", text, true))
 }
@@ -84,9 +88,10 @@ pub(super) fn base(fabrication: &Fabrication) -> Section {
             mm(options.bore_m)
         ),
     ];
-    let legend: String = pictures::wall_legend(options).iter().map(|line| format!("<li>{line}</li>\n")).collect();
+    let legend: String =
+        pictures::wall_legend(fabrication).iter().map(|(_, line)| format!("<li>{line}</li>\n")).collect();
     let mut text = list(&steps)
-        + &figure(&pictures::wall(options), "Section of the wall through a bore, not to scale:")
+        + &figure(&pictures::wall(fabrication), "Section of the wall through a bore, not to scale:")
         + &format!("<ol class=\"legend\">\n{legend}</ol>\n");
     text += &match pictures::sheet(fabrication, "drill-template") {
         Some(picture) => {
@@ -131,7 +136,7 @@ fn electrode_steps(fabrication: &Fabrication) -> [String; 6] {
     let (wire, lay) = match wires(fabrication) {
         Some((wide_m, most)) => (
             format!(
-                "a stranded wire of at most {} mm with its insulation ({}; {} lie in the fullest channel)",
+                "a stranded wire of at most {} mm with its insulation ({}; the fullest channel holds {})",
                 decimal(1e3 * wide_m, 2),
                 gauge(wide_m),
                 counted(most, "wire")

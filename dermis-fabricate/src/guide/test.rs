@@ -1,6 +1,6 @@
 //! The step of the first test: commands that work for the design, and readings to compare.
 
-use super::html::{self, Section, rounded, table};
+use super::html::{self, Section, marked, rounded, table};
 use super::steps::argument;
 use crate::electrical::{self, Reading};
 use crate::error::FabricateError;
@@ -52,7 +52,7 @@ fn check(fabrication: &Fabrication) -> String {
         Err(why) => format!(
             "<p><code>dermis check-build</code> does not take this design: {}. Find wrong wires and bad contacts by the \
              readings below.</p>\n",
-            escaped(&why.to_string())
+            marked(&why.to_string())
         ),
     }
 }

@@ -144,7 +144,9 @@ fn coat_mask(fabrication: &Fabrication, chart: &Chart, coat: &Outline) -> Sheet 
     let mut layers = vec![Layer { name: "COAT", colour: RED, outlines: vec![coat.grown(-half_m)] }];
     layers.extend((!pads.is_empty()).then_some(Layer { name: "PADS", colour: GREEN, outlines: pads }));
     let regions = regions(fabrication, chart, coat);
-    labels.extend(regions.iter().map(|(outline, region)| inside(outline, &region_label(region))));
+    labels.extend(
+        regions.iter().map(|(outline, region)| inside(outline, label_height_m(&named, coat), &region_label(region))),
+    );
     let outlines: Vec<Outline> = regions.into_iter().map(|(outline, _)| outline).collect();
     layers.extend((!outlines.is_empty()).then_some(Layer { name: "REGIONS", colour: MAGENTA, outlines }));
     sheet(fabrication, "coat-mask", "coat and electrode pads", layers, labels)
@@ -214,9 +216,9 @@ fn region_label(region: &Region) -> String {
 }
 
 /// A label in the middle of an outline, as large as its width allows.
-fn inside(outline: &Outline, text: &str) -> Label {
+fn inside(outline: &Outline, most_m: f64, text: &str) -> Label {
     let [[x0, y0], [x1, y1]] = outline.bounds_m();
-    let height_m = (0.9 * (x1 - x0) / text.len() as f64).min(0.003);
+    let height_m = (0.9 * (x1 - x0) / text.len() as f64).min(most_m);
     let label = Label::new([x0, 0.5 * (y0 + y1)], height_m, text);
     let wide_m = label.bounds_m(1.0)[1][0] - x0;
     Label { at_m: [0.5 * (x0 + x1 - wide_m), label.at_m[1]], ..label }
