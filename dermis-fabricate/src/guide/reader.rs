@@ -10,7 +10,7 @@ use dermis::text::escaped;
 const MAX_OF_PICO: usize = MultiplexerInput::REFERENCE.input;
 
 /// Every pin of a part of the reader, and what it is joined to.
-const PINS: [[&str; 3]; 34] = [
+const PINS: [[&str; 3]; 35] = [
     ["controller (Pico)", "GP0 to GP4", "A0 to A4 of the source's multiplexer, lowest bit first"],
     ["", "GP5 to GP9", "A0 to A4 of the sink's (ground's) multiplexer"],
     ["", "GP10 to GP14", "A0 to A4 of the plus input's multiplexer"],
@@ -31,6 +31,7 @@ const PINS: [[&str; 3]; 34] = [
     ["", "end B", "D of the source's multiplexers, and S32 (input 31) of multiplexer 0 of minus"],
     ["amplifier (AD8253)", "+VS; -VS", "+12 V; -12 V"],
     ["", "/WR", "-VS: the gain follows A0 and A1 (transparent mode)"],
+    ["", "A0, A1", "controller, as above; its data sheet must take 3.3 V as high"],
     ["", "DGND, REF", "ground"],
     ["", "+IN, -IN", "as above, and each through 10 Mohm to half the supply"],
     ["", "OUT", "driver"],
@@ -87,9 +88,10 @@ pub(super) fn firmware(fabrication: &Fabrication) -> Section {
     let module = if is_plain(name) { name.replace('-', "_") } else { "skin".into() };
     let design = escaped(&argument(&fabrication.design));
     let steps = [
-        "Take a checkout of the repository of dermis, with Rust; the commands are for its folder. A design in a file is \
-         named by its path."
-            .to_string(),
+        format!(
+            "Install Rust, and clone {}. Run the commands below in its folder. A design in a file is named by its path.",
+            code(env!("CARGO_PKG_REPOSITORY"))
+        ),
         format!(
             "Add the controller's target, and write the scan table of this skin with its settling times:\
              <pre><code>dermis-firmware/boards/targets\nmkdir -p dermis-firmware/boards/skins\n\
