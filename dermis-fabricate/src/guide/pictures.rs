@@ -43,9 +43,12 @@ pub(super) fn wall(fabrication: &Fabrication) -> String {
     };
     // The pin ends at half the depth of the channel, or beyond the inner face.
     let end = if has_channel { 47.5 } else { 54.5 };
+    let top = if is_covered(fabrication) { 0 } else { 17 };
     format!(
         include_str!("wall.svg"),
         cover = if is_covered(fabrication) { COVER } else { "" },
+        top = top,
+        height = 60 - top,
         channel = if has_channel { CHANNEL } else { "" },
         pin = end - 24.0,
         end = end,

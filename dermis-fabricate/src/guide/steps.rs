@@ -60,7 +60,7 @@ pub(super) fn overview(fabrication: &Fabrication) -> Result<Section, FabricateEr
 pub(super) fn parts(fabrication: &Fabrication) -> Result<Section, FabricateError> {
     let parts = electrical::parts(fabrication)?;
     let row = |one: &electrical::Part| {
-        let quantity = format!("{} {}", electrical::amount(one.quantity, one.unit), one.unit);
+        let quantity = format!("{}\u{a0}{}", electrical::amount(one.quantity, one.unit), one.unit);
         [one.part.clone(), one.kind.clone(), quantity, one.purpose.into()]
     };
     let text = format!(
@@ -100,8 +100,11 @@ pub(super) fn base(fabrication: &Fabrication) -> Section {
                  bar, and lay it on the outer side.</p>\n",
                 code("patterns/drill-template.svg")
             );
-            figure(&picture, "The base, unrolled: bores (red) and, on the inner side, channels for wires (grey).")
-                + &tube
+            let channels = match options.channel_depth_m > 0.0 {
+                true => " and, on the inner side, channels for wires (grey)",
+                false => "",
+            };
+            figure(&picture, &format!("The base, unrolled: bores (red){channels}.")) + &tube
         }
         None => "<p>The body does not unroll: there is no drill template.</p>\n".into(),
     };

@@ -144,9 +144,8 @@ fn coat_mask(fabrication: &Fabrication, chart: &Chart, coat: &Outline) -> Sheet 
     let mut layers = vec![Layer { name: "COAT", colour: RED, outlines: vec![coat.grown(-half_m)] }];
     layers.extend((!pads.is_empty()).then_some(Layer { name: "PADS", colour: GREEN, outlines: pads }));
     let regions = regions(fabrication, chart, coat);
-    labels.extend(
-        regions.iter().map(|(outline, region)| inside(outline, label_height_m(&named, coat), &region_label(region))),
-    );
+    let most_m = label_height_m(&named, coat);
+    labels.extend(regions.iter().flat_map(|(outline, region)| region_labels(outline, region, most_m)));
     let outlines: Vec<Outline> = regions.into_iter().map(|(outline, _)| outline).collect();
     layers.extend((!outlines.is_empty()).then_some(Layer { name: "REGIONS", colour: MAGENTA, outlines }));
     sheet(fabrication, "coat-mask", "coat and electrode pads", layers, labels)
@@ -210,18 +209,19 @@ fn ring_part(radius_m: f64, middle_rad: f64, length_m: f64, width_m: f64) -> Out
     Outline::Polygon(outer.chain(inner).collect())
 }
 
-/// The text of a region: its name and its sheet resistance.
-fn region_label(region: &Region) -> String {
-    format!("{}: {:.0} ohm/sq", region.name, 1.0 / region.conductance)
-}
-
-/// A label in the middle of an outline, as large as its width allows.
-fn inside(outline: &Outline, most_m: f64, text: &str) -> Label {
+/// The name of a region and its sheet resistance in the middle of its outline, as large as its width allows.
+fn region_labels(outline: &Outline, region: &Region, most_m: f64) -> [Label; 2] {
     let [[x0, y0], [x1, y1]] = outline.bounds_m();
-    let height_m = (0.9 * (x1 - x0) / text.len() as f64).min(most_m);
-    let label = Label::new([x0, 0.5 * (y0 + y1)], height_m, text);
-    let wide_m = label.bounds_m(1.0)[1][0] - x0;
-    Label { at_m: [0.5 * (x0 + x1 - wide_m), label.at_m[1]], ..label }
+    let lines = [format!("{:.0} ohm/sq", 1.0 / region.conductance), region.name.clone()];
+    let longest = lines.iter().map(String::len).max().expect("two lines");
+    let height_m = (0.9 * (x1 - x0) / longest as f64).min(most_m);
+    let mut up_m = 0.5 * (y0 + y1) - 1.2 * height_m;
+    lines.map(|line| {
+        let label = Label::new([x0, up_m], height_m, &line);
+        up_m += 1.6 * height_m;
+        let wide_m = label.bounds_m(1.0)[1][0] - x0;
+        Label { at_m: [0.5 * (x0 + x1 - wide_m), label.at_m[1]], ..label }
+    })
 }
 
 /// Boxes of another conductance with their regions, as (z, s) on a cylinder and (x, y) on a flat body.
