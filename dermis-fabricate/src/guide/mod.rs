@@ -3,11 +3,11 @@
 
 mod coat;
 mod cover;
+mod first_test;
 mod html;
 mod pictures;
 mod reader;
 mod steps;
-mod test;
 mod wiring;
 
 use crate::error::FabricateError;
@@ -36,7 +36,7 @@ fn page(fabrication: &Fabrication) -> Result<String, FabricateError> {
         cover::section(fabrication),
         wiring::section(fabrication)?,
         reader::firmware(fabrication),
-        test::section(fabrication)?,
+        first_test::section(fabrication)?,
         steps::robot(fabrication),
     ];
     let body = format!("<h1>{}</h1>\n{}", escaped(&title), html::sections(&sections));

@@ -27,7 +27,7 @@ pub(super) fn section(fabrication: &Fabrication) -> Result<Section, FabricateErr
     let rows = electrical.readings.iter().filter_map(row).take(SHOWN);
     let columns = ["Channel", "Between", "Least, ohm", "Expected", "Greatest"];
     let text = format!(
-        include_str!("test.html"),
+        include_str!("first_test.html"),
         check = check(fabrication),
         sheet = 100.0 * options.sheet_spread,
         contact = 100.0 * options.contact_spread,
