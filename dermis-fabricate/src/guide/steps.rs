@@ -151,7 +151,7 @@ fn electrode_steps(fabrication: &Fabrication) -> [String; 6] {
             ),
         ),
         None => (
-            format!("a stranded wire, for example of {}", gauge(f64::INFINITY)),
+            "a stranded wire, for example AWG 28".into(),
             "Lead the wires away on the inner side and fix them with a drop of glue.".into(),
         ),
     };
