@@ -10,6 +10,7 @@ mod body;
 pub mod electrical;
 mod error;
 mod folder;
+mod grooves;
 pub mod guide;
 mod model;
 mod notes;

@@ -120,7 +120,8 @@ impl Fabrication {
     /// # Errors
     /// As [`Electrical::new`].
     pub(crate) fn electrical(&self) -> Result<&Electrical, FabricateError> {
-        made_once(&self.electrical, || Electrical::new(&self.design))
+        let centres_m = || self.electrodes.iter().map(|one| one.centre_m).collect::<Vec<_>>();
+        made_once(&self.electrical, || Electrical::new(&self.design, &centres_m()))
     }
 }
 

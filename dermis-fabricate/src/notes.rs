@@ -1,10 +1,40 @@
 //! What the builder must know beyond the files.
 
+use crate::grooves::{Groove, grooves};
 use crate::model::Fabrication;
+use dermis::design::TouchEffect;
+use dermis::text::decimal;
 
-/// Notes about a fabrication: bores that are not at their electrode, and why; strain of the patches.
+/// Notes about a fabrication: bores that are not at their electrode, and why; channels that overlap; strain of the patches;
+/// a coat that gets none.
 pub fn notes(fabrication: &Fabrication) -> Vec<String> {
-    [moved_bores(fabrication), strain(fabrication)].into_iter().flatten().collect()
+    let mut notes: Vec<String> = moved_bores(fabrication).into_iter().collect();
+    notes.extend(overlapping_channels(fabrication));
+    notes.extend([strain(fabrication), without_patches(fabrication)].into_iter().flatten());
+    notes
+}
+
+fn overlapping_channels(fabrication: &Fabrication) -> Vec<String> {
+    let Some(chart) = &fabrication.chart else { return Vec::new() };
+    let note = |groove: Groove| {
+        let apart_m = groove.overlapping_m?;
+        let labels: Vec<&str> =
+            groove.electrodes.iter().map(|&number| fabrication.electrodes[number].label.as_str()).collect();
+        Some(format!(
+            "the channels of {} overlap and are one groove: `channel_width_m` below {} keeps them apart",
+            labels.join(", "),
+            decimal(apart_m, 5)
+        ))
+    };
+    grooves(fabrication, chart, 0.0).into_iter().filter_map(note).collect()
+}
+
+fn without_patches(fabrication: &Fabrication) -> Option<String> {
+    (fabrication.design.sheet.touch == TouchEffect::ConductanceFalls).then(|| {
+        "the coat conducts less where it is pressed (`touch = \"conductance_falls\"`): it gets no fabric patches, and their \
+         files are not used"
+            .into()
+    })
 }
 
 fn moved_bores(fabrication: &Fabrication) -> Option<String> {

@@ -109,6 +109,11 @@ impl Outline {
         (kept.area_m2() > ROUNDING_M * ROUNDING_M).then_some(kept)
     }
 
+    /// Whether a point is inside this convex outline.
+    pub(crate) fn contains(&self, centre_m: Point2) -> bool {
+        Outline::Circle { centre_m, radius_m: 0.0 }.inside(self)
+    }
+
     /// Whether a circle is inside a convex outline.
     fn inside(&self, to: &Outline) -> bool {
         let &Outline::Circle { centre_m, radius_m } = self else { return false };

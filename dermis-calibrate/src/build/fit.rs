@@ -84,16 +84,22 @@ pub(super) struct Linear {
     pub factor: Cholesky,
 }
 
+/// Refuses a design whose frames do not tell how its skin was built.
+pub(super) fn check_design(design: &SkinDesign) -> dermis::Result<()> {
+    // Not refused by the identifier, which gets a protocol of its own.
+    match design.protocol.amplitude_only() {
+        true => Err(IdentifyError::AmplitudeOnly.into()),
+        false => Ok(()),
+    }
+}
+
 impl Model {
     /// The model of a skin.
     ///
     /// # Errors
     /// A design that cannot be solved, or without signs.
     pub(super) fn new(skin: &Skin, options: IdentifyOptions) -> dermis::Result<Self> {
-        // Not refused by the identifier, which gets a protocol of its own.
-        if skin.design().protocol.amplitude_only() {
-            return Err(IdentifyError::AmplitudeOnly.into());
-        }
+        check_design(skin.design())?;
         let design = SkinDesign { protocol: pairs(skin.design().protocol.electrode_count())?, ..skin.design().clone() };
         let forward = ForwardModel::new(&design, skin.mesh())?;
         let identifier = Identifier::new(&design, &forward, options)?;

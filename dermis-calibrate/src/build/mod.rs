@@ -35,6 +35,7 @@ use crate::checks::{Recording, check_recording};
 use crate::error::CalibrateError;
 use cut::remaining;
 use data::Data;
+use dermis::design::SkinDesign;
 use dermis::finding::{Finding, FindingKind, is_sound};
 use dermis::frame::{Frame, mean};
 use dermis::identify::IdentifyOptions;
@@ -118,6 +119,14 @@ pub struct BuildChecker {
 }
 
 impl BuildChecker {
+    /// Whether skins of a design can be checked; [`BuildChecker::new`] asks the same.
+    ///
+    /// # Errors
+    /// A design without signs (`amplitude_only`).
+    pub fn accepts(design: &SkinDesign) -> Result<(), CalibrateError> {
+        Ok(fit::check_design(design)?)
+    }
+
     /// Prepares the checks of a skin.
     ///
     /// # Errors

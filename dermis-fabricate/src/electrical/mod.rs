@@ -1,6 +1,7 @@
 //! Tables and a netlist for wiring and first tests: electrodes, multiplexers, scan table, expected readings, parts, SPICE.
 
 mod model;
+mod neighbours;
 mod netlist;
 mod parts;
 mod reader;
@@ -8,6 +9,8 @@ mod spread;
 mod tables;
 
 pub use model::{Electrical, Reading};
+pub use neighbours::Neighbours;
+pub(crate) use parts::Pin;
 pub use parts::{Part, parts};
 pub use reader::{REFERENCE_TOLERANCE, electronics};
 pub use spread::{Loop, Sensitivities, Value};
@@ -44,6 +47,11 @@ pub fn files(fabrication: &Fabrication) -> Result<Vec<OutputFile>, FabricateErro
             "tables/readings.csv",
             "expected readings, untouched, with limits",
             tables::readings(electrical),
+        ),
+        OutputFile::new(
+            "tables/neighbours.csv",
+            "resistances between neighbouring electrodes, with limits",
+            tables::neighbours(fabrication, electrical),
         ),
         OutputFile::new("tables/parts.csv", "parts and materials", parts),
         OutputFile::new(

@@ -1,10 +1,12 @@
 //! The electrical model of an untouched skin and its reader: every table and the netlist are written from it.
 
+use crate::electrical::neighbours::{Neighbours, neighbours};
 use crate::electrical::reader::{self, LONGEST_WAIT_S, OVERHEAD_S, REFERENCE_TOLERANCE, SWITCHING};
 use crate::electrical::spread::{Sensitivities, Value};
 use crate::error::FabricateError;
 use dermis::design::SkinDesign;
 use dermis::forward::{ElectrodeNetwork, ForwardModel};
+use dermis::geom::Point3;
 use dermis::mesh::Mesh;
 use dermis::protocol::{Channel, MultiplexerInput, Protocol, ScanSlot};
 use dermis_sim::twin::electronics::{ElectronicsOptions, SettlingPlan};
@@ -24,6 +26,8 @@ pub struct Electrical {
     pub(crate) multiplexers: usize,
     /// The readings, in the order of the scan table.
     pub(crate) readings: Vec<Reading>,
+    /// The resistances between neighbouring electrodes.
+    pub(crate) neighbours: Vec<Neighbours>,
 }
 
 /// A reading of the untouched skin.
@@ -40,11 +44,11 @@ pub struct Reading {
 }
 
 impl Electrical {
-    /// The model of a design.
+    /// The model of a design whose electrodes have these centres.
     ///
     /// # Errors
     /// A design that cannot be meshed or solved; a reading that does not settle within the longest wait of the reader.
-    pub(crate) fn new(design: &SkinDesign) -> Result<Self, FabricateError> {
+    pub(crate) fn new(design: &SkinDesign, centres_m: &[Point3]) -> Result<Self, FabricateError> {
         let mesh = Mesh::generate(design)?;
         let model = ForwardModel::new(design, &mesh)?;
         let network = model.network(model.rest_conductivity()).map_err(dermis::Error::from)?;
@@ -55,7 +59,8 @@ impl Electrical {
         let needed = places.iter().map(|place| place.multiplexer + 1).max().unwrap_or(1);
         let readings = readings(design, &mesh, &electronics, &plan.waits_s)?;
         let multiplexers = design.fabrication_options().multiplexers.unwrap_or(needed);
-        Ok(Electrical { mesh, electronics, network, places, multiplexers, readings })
+        let neighbours = neighbours(design, &mesh, centres_m)?;
+        Ok(Electrical { mesh, electronics, network, places, multiplexers, readings, neighbours })
     }
 
     /// Frames that the slots allow a second, Hz: at most those of the electronics.

@@ -1,8 +1,10 @@
 //! Parts of the reader, and materials of the skin.
 
 use crate::error::FabricateError;
+use crate::grooves::wires;
 use crate::model::Fabrication;
-use dermis::design::Body;
+use dermis::design::{Body, FabricationOptions, TouchEffect};
+use dermis::text::decimal;
 
 /// A row of the list of parts.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,20 +33,66 @@ const LINES: usize = 4;
 pub fn parts(fabrication: &Fabrication) -> Result<Vec<Part>, FabricateError> {
     let electrical = fabrication.electrical()?;
     let multiplexers = LINES * electrical.multiplexers;
-    let piece = |name: &str, kind: &str, count: usize, purpose| part(name, kind, count as f64, "pieces", purpose);
-    let (kohm, bore_mm) = (1e-3 * electrical.electronics.reference_ohm, 1e3 * fabrication.options.bore_m);
-    let mut parts = vec![
+    let mut parts = reader(multiplexers, 1e-3 * electrical.electronics.reference_ohm);
+    let Pin { diameter_m, length_m } = Pin::of(&fabrication.options);
+    let pin = format!("{} mm in diameter; {} mm long", decimal(1e3 * diameter_m, 3), decimal(1e3 * length_m, 3));
+    parts.push(piece("electrode", &pin, fabrication.electrodes.len(), "pin of copper or brass in each bore"));
+    parts.extend(materials(fabrication)?);
+    Ok(parts)
+}
+
+fn piece(name: &str, kind: &str, count: usize, purpose: &'static str) -> Part {
+    part(name, kind, count as f64, "pieces", purpose)
+}
+
+/// The parts of the reader; `guide` has a table of their pins.
+fn reader(multiplexers: usize, reference_kohm: f64) -> Vec<Part> {
+    // At each supply pin: of the multiplexers, the amplifier (2), driver, converter (2), and at half the supply.
+    let small_capacitors = multiplexers + 6;
+    vec![
         piece("controller", "Raspberry Pi Pico", 1, "drives the multiplexers and sends frames"),
         piece("multiplexer", "ADG732 (32 to 1)", multiplexers, "source; ground; plus and minus input"),
         piece("amplifier", "AD8253", 1, "gain 1 or 10"),
-        piece("driver", "fully differential; unity gain", 1, "between amplifier and converter"),
+        piece("driver", "MCP6D11 or another fully differential amplifier for 5 V", 1, "amplifier to converter"),
+        piece("gain resistor", "1 kohm; 0.1 %", 4, "unity gain of the driver"),
         piece("converter", "MCP33131D-10", 1, "16 bits"),
-        piece("reference resistor", &format!("{kohm} kohm; 0.1 %; 10 ppm/K"), 1, "in series with the source"),
+        piece("input filter", "resistors and capacitors of the converter's data sheet", 1, "driver to converter"),
+        piece("reference resistor", &format!("{reference_kohm} kohm; 0.1 %; 10 ppm/K"), 1, "in series with the source"),
         piece("bias resistor", "10 Mohm", 2, "amplifier inputs to half the supply"),
-        piece("electrode", &format!("{bore_mm} mm"), fabrication.electrodes.len(), "pin or screw in each bore"),
-    ];
-    parts.extend(materials(fabrication)?);
-    Ok(parts)
+        piece("divider resistor", "10 kohm; 1 %", 2, "half the supply"),
+        piece("supply", "+12 V and -12 V; 20 mA", 1, "amplifier"),
+        piece("supply", "5 V; low noise; 50 mA", 1, "source; multiplexers; driver; converter's reference"),
+        piece("supply", "1.8 V; 10 mA", 1, "converter; its 3.3 V come from the controller"),
+        piece("capacitor", "100 nF; ceramic", small_capacitors, "at each supply pin and at half the supply"),
+        piece("capacitor", "10 uF; ceramic", 5, "at each supply and at the converter's reference"),
+    ]
+}
+
+/// The pin that is the electrode.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Pin {
+    /// Its diameter, m.
+    pub(crate) diameter_m: f64,
+    /// Its length, m.
+    pub(crate) length_m: f64,
+}
+
+impl Pin {
+    /// What the bore is wider than the pin, m: drilled plastic closes by some hundredths of a millimetre, and glue needs
+    /// as much.
+    pub(crate) const CLEARANCE_M: f64 = 1e-4;
+    /// How far a pin passes the inner face of a wall without channels, m: room for the solder of a wire.
+    const BEYOND_M: f64 = 0.002;
+
+    /// From the outer side to half the depth of the channel, so that wires pass below it; without a channel beyond the
+    /// inner face.
+    pub(crate) fn of(options: &FabricationOptions) -> Self {
+        let length_m = match options.channel_depth_m > 0.0 {
+            true => options.wall_m - 0.5 * options.channel_depth_m,
+            false => options.wall_m + Self::BEYOND_M,
+        };
+        Pin { diameter_m: options.bore_m - Self::CLEARANCE_M, length_m }
+    }
 }
 
 fn part(name: &str, kind: &str, quantity: f64, unit: &'static str, purpose: &'static str) -> Part {
@@ -56,14 +104,21 @@ fn materials(fabrication: &Fabrication) -> Result<Vec<Part>, FabricateError> {
     let coat = format!("{:.0} ohm per square", 1.0 / fabrication.design.sheet.conductance);
     let foam = format!("{} mm thick", 1e3 * fabrication.options.foam_thickness_m);
     let base_cm3 = 1e-3 * fabrication.base()?.volume_mm3();
-    Ok(vec![
+    let wire =
+        wires(fabrication).map_or(String::new(), |(wide_m, _)| format!("at most {} mm", decimal(1e3 * wide_m, 2)));
+    let mut parts = vec![
         part("printed base", "", base_cm3, "cm3", "solid volume without supports"),
         part("coat", &coat, 1e4 * coat_m2(fabrication), "cm2", "sprayed on the base"),
-        part("conductive fabric", "", 1e4 * fabric_m2, "cm2", "patches; without what is cut away"),
-        part("stretchable film", "", 1e4 * fabric_m2, "cm2", "ironed on the fabric"),
-        part("foam", &foam, 1e4 * foam_m2(fabrication), "cm2", "over the patches"),
-        part("wire", "", wire_m(fabrication), "m", "channels and 0.3 m to the reader for each electrode"),
-    ])
+    ];
+    if fabrication.design.sheet.touch == TouchEffect::ConductanceRises {
+        parts.extend([
+            part("conductive fabric", "", 1e4 * fabric_m2, "cm2", "patches; without what is cut away"),
+            part("stretchable film", "", 1e4 * fabric_m2, "cm2", "ironed on the fabric"),
+            part("foam", &foam, 1e4 * foam_m2(fabrication), "cm2", "over the patches"),
+        ]);
+    }
+    parts.push(part("wire", &wire, wire_m(fabrication), "m", "channels and 0.3 m to the reader for each electrode"));
+    Ok(parts)
 }
 
 /// Area of the coat, m2.
@@ -121,6 +176,10 @@ mod tests {
         let heights_m = 5.0 * (0.0025 + 0.06 + 0.12 + 0.18 + 0.24 + 0.2975);
         assert!((amount_of(&parts, "wire") - heights_m - 30.0 * 0.3).abs() < 1e-9);
         assert_eq!((amount_of(&parts, "multiplexer"), amount_of(&parts, "electrode")), (4.0, 30.0));
+        // A capacitor at each of 4 + 2 + 1 + 2 supply pins, and one at half the supply.
+        assert_eq!(amount_of(&parts, "capacitor"), 10.0);
+        let pin = parts.iter().find(|part| part.part == "electrode").unwrap();
+        assert_eq!(pin.kind, "2.9 mm in diameter; 4 mm long");
         // Each channel takes 3 x 2 mm off: five of 240 mm and five of 297.5 mm; bores take the wall above them.
         let tube = PI * (25.0 - 20.25) * 30.0;
         let channels = 0.3 * 0.2 * 5.0 * (24.0 + 29.75);

@@ -1,6 +1,6 @@
 //! Tables as CSV.
 
-use crate::electrical::{Electrical, Part, Value};
+use crate::electrical::{Electrical, Neighbours, Part, Value};
 use crate::model::Fabrication;
 use dermis::protocol::MultiplexerInput;
 use std::fmt::Write as _;
@@ -53,6 +53,16 @@ pub(super) fn readings(electrical: &Electrical) -> String {
         let ohm = reading.ohm.as_ref().map_or(",,".into(), limits);
         let (volt, wait_us) = (limits(&reading.volt), 1e6 * reading.wait_s);
         let _ = writeln!(text, "{index},{source},{sink},{measure},{ohm},{volt},{wait_us:.3}");
+    }
+    text
+}
+
+pub(super) fn neighbours(fabrication: &Fabrication, electrical: &Electrical) -> String {
+    let mut text = String::from("electrode_a,label_a,electrode_b,label_b,distance_mm,ohm,ohm_low,ohm_high\n");
+    for Neighbours { pair: [a, b], distance_m, ohm } in &electrical.neighbours {
+        let [a_label, b_label] = [a, b].map(|&number| &fabrication.electrodes[number].label);
+        let (mm, [low, high]) = (1e3 * distance_m, ohm.limits());
+        let _ = writeln!(text, "{a},{a_label},{b},{b_label},{mm:.3},{:.3},{low:.3},{high:.3}", ohm.nominal);
     }
     text
 }

@@ -27,10 +27,37 @@ pub(super) fn list(items: &[String]) -> String {
     format!("<ol>\n{items}</ol>\n")
 }
 
+/// A section of the page.
+pub(super) struct Section {
+    /// Its heading.
+    pub(super) heading: String,
+    /// Its content, as markup.
+    pub(super) body: String,
+    /// Whether it begins a page of paper.
+    pub(super) own_page: bool,
+}
+
 /// A section with its heading; `own_page` begins a page.
-pub(super) fn section(heading: &str, body: &str, own_page: bool) -> String {
-    let class = if own_page { " class=\"page\"" } else { "" };
-    format!("<section{class}>\n<h2>{}</h2>\n{body}</section>\n", escaped(heading))
+pub(super) fn section(heading: &str, body: String, own_page: bool) -> Section {
+    Section { heading: heading.into(), body, own_page }
+}
+
+/// The list of contents, and the sections.
+pub(super) fn sections(all: &[Section]) -> String {
+    let entry = |(number, one): (usize, &Section)| {
+        format!("<li><a href=\"#section-{number}\">{}</a></li>\n", escaped(&one.heading))
+    };
+    let section = |(number, one): (usize, &Section)| {
+        let class = if one.own_page { " class=\"page\"" } else { "" };
+        format!(
+            "<section id=\"section-{number}\"{class}>\n<h2>{}</h2>\n{}</section>\n",
+            escaped(&one.heading),
+            one.body
+        )
+    };
+    let entries: String = all.iter().enumerate().map(entry).collect();
+    let sections: String = all.iter().enumerate().map(section).collect();
+    format!("<nav aria-label=\"Contents\">\n<ul>\n{entries}</ul>\n</nav>\n{sections}")
 }
 
 /// A text of code.

@@ -1,8 +1,12 @@
 //! The builder's guide: the steps of the paper's section III.B with the numbers and the drawings of a design, as a page to
 //! print.
 
+mod coat;
+mod cover;
+mod first_test;
 mod html;
 mod pictures;
+mod reader;
 mod steps;
 mod wiring;
 
@@ -23,18 +27,19 @@ pub fn files(fabrication: &Fabrication) -> Result<Vec<OutputFile>, FabricateErro
 /// The page: one file without references to others.
 fn page(fabrication: &Fabrication) -> Result<String, FabricateError> {
     let title = format!("Building {}", fabrication.design.name);
-    let parts = [
+    let sections = [
         steps::overview(fabrication)?,
         steps::parts(fabrication)?,
         steps::base(fabrication),
         steps::electrodes(fabrication),
-        steps::coat(fabrication),
-        steps::cover(fabrication),
+        coat::section(fabrication)?,
+        cover::section(fabrication),
         wiring::section(fabrication)?,
-        steps::test(fabrication)?,
+        reader::firmware(fabrication),
+        first_test::section(fabrication)?,
         steps::robot(fabrication),
     ];
-    let body = format!("<h1>{}</h1>\n{}", escaped(&title), parts.concat());
+    let body = format!("<h1>{}</h1>\n{}", escaped(&title), html::sections(&sections));
     Ok(document(&title, include_str!("style.css"), &body))
 }
 

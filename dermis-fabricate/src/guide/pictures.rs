@@ -4,7 +4,7 @@ use super::html::mm;
 use crate::error::FabricateError;
 use crate::model::Fabrication;
 use crate::sheet;
-use dermis::design::FabricationOptions;
+use dermis::design::TouchEffect;
 use dermis_plot::{Drawing, View};
 
 /// Width and greatest height of a drawing on the page, mm.
@@ -24,40 +24,68 @@ pub(super) fn sheet(fabrication: &Fabrication, name: &str) -> Option<String> {
     sheets.iter().find(|sheet| sheet.name == name).map(|sheet| sheet::figure(sheet, BOX_MM))
 }
 
-/// A line of the picture's legend: where it points to, and its text.
-type Pointer = ([f64; 2], String);
-
 const CHANNEL: &str =
     "<rect x=\"4\" y=\"43\" width=\"52\" height=\"9\" fill=\"#ffffff\" stroke=\"#1c2330\" stroke-width=\"0.25\"/>\n";
+const COVER: &str = "<g stroke=\"#1c2330\" stroke-width=\"0.25\">\
+    <rect x=\"4\" y=\"4\" width=\"92\" height=\"10\" fill=\"#d8e6f3\"/>\
+    <path d=\"M4.5 14 h29 v2.2 h-29 z M35.5 14 h29 v2.2 h-29 z M66.5 14 h29 v2.2 h-29 z\" fill=\"#8a8f98\"/></g>\n";
 
-/// A section of the wall through a bore, along its channel. Not to scale.
-pub(super) fn wall(options: &FabricationOptions) -> String {
-    let channel = if options.channel_depth_m > 0.0 { CHANNEL } else { "" };
-    let pointer = |(row, ([x, y], label)): (usize, &Pointer)| {
-        let at = 6.5 + 7.2 * row as f64;
+/// A section of the wall through a bore, along its channel, not to scale, with the numbers of the rows of [`wall_legend`].
+pub(super) fn wall(fabrication: &Fabrication) -> String {
+    let has_channel = fabrication.options.channel_depth_m > 0.0;
+    let pointer = |(row, ([x, y], _)): (usize, &([f64; 2], String))| {
         format!(
-            "<path d=\"M{x} {y} L101 {at}\" fill=\"none\" stroke=\"#5a6472\" stroke-width=\"0.2\"/>\
-             <circle cx=\"{x}\" cy=\"{y}\" r=\"0.6\" fill=\"#1c2330\"/><text x=\"102\" y=\"{:.1}\">{label}</text>\n",
-            at + 1.2
+            "<circle cx=\"{x}\" cy=\"{y}\" r=\"2.6\" fill=\"#fff\" stroke=\"#1c2330\" stroke-width=\"0.25\"/>\
+             <text x=\"{x}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>\n",
+            y + 1.2,
+            row + 1
         )
     };
-    let pointers: String = pointers(options).iter().enumerate().map(pointer).collect();
-    format!(include_str!("wall.svg"), channel = channel, pointers = pointers)
+    // The pin ends at half the depth of the channel, or beyond the inner face.
+    let end = if has_channel { 47.5 } else { 54.5 };
+    let top = if is_covered(fabrication) { 0 } else { 17 };
+    format!(
+        include_str!("wall.svg"),
+        cover = if is_covered(fabrication) { COVER } else { "" },
+        top = top,
+        height = 60 - top,
+        channel = if has_channel { CHANNEL } else { "" },
+        pin = end - 24.0,
+        end = end,
+        wire = wire_mm(fabrication),
+        pointers = wall_legend(fabrication).iter().enumerate().map(pointer).collect::<String>()
+    )
 }
 
-fn pointers(options: &FabricationOptions) -> Vec<Pointer> {
-    let channel = match options.channel_depth_m > 0.0 {
-        true => format!("channel {} wide, {} deep", mm(options.channel_width_m), mm(options.channel_depth_m)),
-        false => "inner side: wires, no channels".into(),
-    };
-    vec![
-        ([90.0, 9.0], format!("foam {}", mm(options.foam_thickness_m))),
-        ([80.0, 15.1], format!("fabric patches, pitch {}, gap {}", mm(options.patch_pitch_m), mm(options.patch_gap_m))),
-        ([58.0, 24.0], "silver paste on the pad".into()),
+/// Height of the wire in the section, mm.
+fn wire_mm(fabrication: &Fabrication) -> f64 {
+    if fabrication.options.channel_depth_m > 0.0 { 49.6 } else { 56.6 }
+}
+
+/// Whether patches and foam lie on the coat.
+pub(super) fn is_covered(fabrication: &Fabrication) -> bool {
+    fabrication.design.sheet.touch == TouchEffect::ConductanceRises
+}
+
+/// What is where in the section of the wall, mm.
+pub(super) fn wall_legend(fabrication: &Fabrication) -> Vec<([f64; 2], String)> {
+    let options = &fabrication.options;
+    let mut legend = Vec::new();
+    if is_covered(fabrication) {
+        let patches =
+            format!("fabric patches, pitch {} mm, gap {} mm", mm(options.patch_pitch_m), mm(options.patch_gap_m));
+        legend.extend([([84.0, 9.0], format!("foam, {} mm", mm(options.foam_thickness_m))), ([72.0, 15.1], patches)]);
+    }
+    legend.extend([
+        ([37.0, 22.5], "silver paste on the pad".into()),
         ([90.0, 25.3], "coat".into()),
-        ([50.0, 31.0], format!("electrode in a bore of {}", mm(options.bore_m))),
-        ([88.0, 40.0], format!("wall {}", mm(options.wall_m))),
-        ([12.0, 48.5], "wire".into()),
-        ([20.0, 45.0], channel),
-    ]
+        ([50.0, 34.0], format!("electrode in a bore of {} mm", mm(options.bore_m))),
+        ([78.0, 40.0], format!("wall, {} mm", mm(options.wall_m))),
+        ([20.0, wire_mm(fabrication)], "wire".into()),
+    ]);
+    if options.channel_depth_m > 0.0 {
+        let size = format!("{} mm wide, {} mm deep", mm(options.channel_width_m), mm(options.channel_depth_m));
+        legend.push(([30.0, 45.5], format!("channel, {size}")));
+    }
+    legend
 }

@@ -1,16 +1,17 @@
 //! The steps and what they need, in words, tables and pictures.
 
-use super::html::{code, in_halves, list, marked, mm, rounded, section, table};
+use super::html::{Section, code, in_halves, list, marked, mm, rounded, section, table};
 use super::pictures;
 use crate::electrical;
 use crate::error::FabricateError;
+use crate::grooves::wires;
 use crate::model::Fabrication;
 use crate::notes::notes;
 use dermis::design::{Body, ElectrodeShape, SkinDesign};
-use dermis::text::escaped;
+use dermis::text::{counted, decimal};
 use dermis_plot::report::figure;
 
-pub(super) fn overview(fabrication: &Fabrication) -> Result<String, FabricateError> {
+pub(super) fn overview(fabrication: &Fabrication) -> Result<Section, FabricateError> {
     let (design, options) = (&fabrication.design, &fabrication.options);
     let electrical = fabrication.electrical()?;
     let size = match &design.body {
@@ -29,11 +30,15 @@ pub(super) fn overview(fabrication: &Fabrication) -> Result<String, FabricateErr
         Some(ElectrodeShape::Point) | None => "points".into(),
         Some(ElectrodeShape::Group) => "groups of nodes of the mesh file".into(),
     };
+    let patches = match pictures::is_covered(fabrication) {
+        true => format!("{}, {} mm apart", fabrication.patches.len(), mm(options.patch_pitch_m)),
+        false => "none".into(),
+    };
     let rows = [
         ("Body", size),
         ("Electrodes", format!("{}: {shape}", fabrication.electrodes.len())),
         ("Coat", format!("{:.0} ohm per square", 1.0 / design.sheet.conductance)),
-        ("Patches", format!("{}, {} mm apart", fabrication.patches.len(), mm(options.patch_pitch_m))),
+        ("Patches", patches),
         ("Readings", format!("{} in a frame", electrical.readings.len())),
         ("Frames", format!("{:.0} a second", electrical.frame_rate_hz())),
     ];
@@ -41,32 +46,34 @@ pub(super) fn overview(fabrication: &Fabrication) -> Result<String, FabricateErr
     let warnings: String =
         notes(fabrication).iter().map(|note| format!("<p class=\"note\">Note: {}</p>\n", marked(note))).collect();
     let caption = "The skin: electrodes with their numbers, seen from enough sides to show all of them.";
-    Ok(format!(
+    let text = format!(
         "<p class=\"subtitle\">Made from the design by dermis {}. Lengths are in mm; drawings show the outer side. The files \
          named here are in the folder of this page; {} lists them.</p>\n{}{warnings}{}",
         env!("CARGO_PKG_VERSION"),
         code("manifest.json"),
         table(["Property", "Value"], rows).to_html(),
         figure(&pictures::skin(fabrication)?, caption)
-    ))
+    );
+    Ok(section("The skin", text, false))
 }
 
-pub(super) fn parts(fabrication: &Fabrication) -> Result<String, FabricateError> {
+pub(super) fn parts(fabrication: &Fabrication) -> Result<Section, FabricateError> {
     let parts = electrical::parts(fabrication)?;
     let row = |one: &electrical::Part| {
-        let quantity = electrical::amount(one.quantity, one.unit);
-        [one.part.clone(), one.kind.clone(), quantity, one.unit.into(), one.purpose.into()]
+        let quantity = format!("{}\u{a0}{}", electrical::amount(one.quantity, one.unit), one.unit);
+        [one.part.clone(), one.kind.clone(), quantity, one.purpose.into()]
     };
     let text = format!(
-        "<p>Quantities are those of the design ({}); add what is cut away and lost. Silver paste, glue, filler and tools are \
-         not listed.</p>\n{}",
+        "<p>Quantities are those of the design ({}); add what is cut away and lost. Also needed are silver paste, \
+         two-part glue that holds metal in the print, filler, abrasive paper, masking tape, elastic tape, solder, an \
+         ohmmeter, a drill of the bores' size and calipers.</p>\n{}",
         code("tables/parts.csv"),
-        table(["Part", "Type", "Quantity", "Unit", "For"], parts.iter().map(row)).to_html()
+        table(["Part", "Type", "Quantity", "For"], parts.iter().map(row)).to_html()
     );
-    Ok(section("Parts and materials", &text, true))
+    Ok(section("Parts and materials", text, true))
 }
 
-pub(super) fn base(fabrication: &Fabrication) -> String {
+pub(super) fn base(fabrication: &Fabrication) -> Section {
     let options = &fabrication.options;
     let steps = [
         format!(
@@ -75,9 +82,17 @@ pub(super) fn base(fabrication: &Fabrication) -> String {
             code("base.stl")
         ),
         "Smooth the outer side: grind it, fill it, grind again. The coat follows every step of the print.".into(),
-        format!("Clear the {} bores with a drill of {} mm.", fabrication.electrodes.len(), mm(options.bore_m)),
+        format!(
+            "Clear the {} bores with a drill of {} mm, turned by hand: printed holes come out narrower than drawn.",
+            fabrication.electrodes.len(),
+            mm(options.bore_m)
+        ),
     ];
-    let mut text = list(&steps) + &figure(&pictures::wall(options), "Section of the wall, not to scale; sizes in mm.");
+    let legend: String =
+        pictures::wall_legend(fabrication).iter().map(|(_, line)| format!("<li>{line}</li>\n")).collect();
+    let mut text = list(&steps)
+        + &figure(&pictures::wall(fabrication), "Section of the wall through a bore, not to scale:")
+        + &format!("<ol class=\"legend\">\n{legend}</ol>\n");
     text += &match pictures::sheet(fabrication, "drill-template") {
         Some(picture) => {
             let tube = format!(
@@ -85,29 +100,19 @@ pub(super) fn base(fabrication: &Fabrication) -> String {
                  bar, and lay it on the outer side.</p>\n",
                 code("patterns/drill-template.svg")
             );
-            figure(&picture, "The base, unrolled: bores (red) and, on the inner side, channels for wires (grey).")
-                + &tube
+            let channels = match options.channel_depth_m > 0.0 {
+                true => " and, on the inner side, channels for wires (grey)",
+                false => "",
+            };
+            figure(&picture, &format!("The base, unrolled: bores (red){channels}.")) + &tube
         }
         None => "<p>The body does not unroll: there is no drill template.</p>\n".into(),
     };
-    section("1. Base", &text, true)
+    section("1. Base", text, true)
 }
 
-pub(super) fn electrodes(fabrication: &Fabrication) -> String {
-    let options = &fabrication.options;
-    let wires = match options.channel_depth_m > 0.0 {
-        true => format!(
-            "Lay the wires in the channels ({} mm wide, {} mm deep) and fix them.",
-            mm(options.channel_width_m),
-            mm(options.channel_depth_m)
-        ),
-        false => "Lead the wires away on the inner side and fix them.".into(),
-    };
-    let steps = [
-        "Put an electrode into each bore, flush with the outer side, and glue it from the inner side.".to_string(),
-        "Solder or crimp a wire to each, and mark its free end with the electrode's label.".into(),
-        wires,
-    ];
+pub(super) fn electrodes(fabrication: &Fabrication) -> Section {
+    let steps = electrode_steps(fabrication);
     let places = |[x, y, z]: [f64; 3]| [x, y, z].map(|value| rounded(1e3 * value, 1));
     let row = |one: &crate::model::FabricatedElectrode| {
         let [x, y, z] = places(one.bore.centre_m);
@@ -120,132 +125,70 @@ pub(super) fn electrodes(fabrication: &Fabrication) -> String {
         code("tables/electrodes.csv"),
         in_halves(&places)
     );
-    section("2. Electrodes", &text, false)
+    section("2. Electrodes", text, true)
 }
 
-pub(super) fn coat(fabrication: &Fabrication) -> String {
-    let ohm = 1.0 / fabrication.design.sheet.conductance;
-    let mut steps = Vec::new();
-    if fabrication.chart.is_some() {
-        let file = code("patterns/coat-mask.svg");
-        steps.push(format!("Cut a mask from {file}: outline COAT for the coat, PADS for the paste."));
-    }
-    let measure = code("dermis fit");
-    steps.extend([
-        "Cover what is outside the outline of the coat, and the tips of the electrodes.".to_string(),
-        format!(
-            "Spray thin layers and let each dry, until a four-point probe or {measure} gives {ohm:.0} ohm per square. \
-             Turn the base between layers."
-        ),
-        "Join each electrode and the coat with silver paste on the pad's outline. Let it dry.".into(),
-        format!(
-            "Measure between neighbours with an ohmmeter. An open contact shows here, before the cover hides it: {} has the \
-             resistances to expect.",
-            code("tables/readings.csv")
-        ),
-    ]);
-    let mut text = list(&steps);
-    if let Some(picture) = pictures::sheet(fabrication, "coat-mask") {
-        text += &figure(&picture, "Coat (red) and pads of the electrodes (green), unrolled, outer side up.");
-    }
-    section("3. Coat", &text, true)
-}
-
-pub(super) fn cover(fabrication: &Fabrication) -> String {
+/// Pins, wires and how they are put in, by the sizes of the design.
+fn electrode_steps(fabrication: &Fabrication) -> [String; 6] {
     let options = &fabrication.options;
-    let count = fabrication.patches.len();
-    let foam = format!("foam {} mm thick{}", mm(options.foam_thickness_m), foam_size(fabrication));
-    let glue = match fabrication.design.body {
-        Body::Mesh { .. } => format!(
-            "Glue each patch to its place in {}, film outwards, on the inner face of {foam} that is cut on the body.",
-            code("patterns/patches.csv")
-        ),
-        Body::Cylinder { .. } => format!(
-            "Cut {foam} from {}. Glue the patches on it in their places, film to the foam.",
-            code("patterns/foam.svg")
-        ),
-        _ => format!("Cut {foam} from {}. Glue the patches on it, film to the foam.", code("patterns/foam.svg")),
+    let pin = electrical::Pin::of(options);
+    let length = match options.channel_depth_m > 0.0 {
+        true => format!("the wall of {} mm less half the depth of a channel, so that wires pass", mm(options.wall_m)),
+        false => format!("the wall of {} mm and room for the solder", mm(options.wall_m)),
     };
-    let lay = match fabrication.design.body {
-        Body::Cylinder { .. } => format!(
-            "Lay the cover round the base, fabric inwards and without tension. Its edges meet at {:.1} degrees from +x.",
-            options.seam_theta_rad.to_degrees()
+    let (wire, lay) = match wires(fabrication) {
+        Some((wide_m, most)) => (
+            format!(
+                "a stranded wire of at most {} mm with its insulation ({}; the fullest channel holds {})",
+                decimal(1e3 * wide_m, 2),
+                gauge(wide_m),
+                counted(most, "wire")
+            ),
+            format!(
+                "Lay the wires in the channels ({} mm wide, {} mm deep) to the edge, and fix them with a drop of glue.",
+                mm(options.channel_width_m),
+                mm(options.channel_depth_m)
+            ),
         ),
-        _ => "Lay the cover on the coat, fabric inwards and without tension, and fix it at its edge.".into(),
+        None => (
+            "a stranded wire, for example AWG 28".into(),
+            "Lead the wires away on the inner side and fix them with a drop of glue.".into(),
+        ),
     };
-    let steps = [
+    [
         format!(
-            "Cut the test piece of a sheet and measure it. The lines allow for a cut {} mm wide: correct {} by the \
-             difference and make the folder again.",
-            mm(options.kerf_m),
-            code("kerf_m")
+            "Cut {} pins of copper or brass, {} mm in diameter: {} mm less than the bore, so that they slide and glue fills \
+             the gap. Length {} mm: {length}.",
+            fabrication.electrodes.len(),
+            mm(pin.diameter_m),
+            mm(options.bore_m - pin.diameter_m),
+            mm(pin.length_m)
         ),
         format!(
-            "Iron a stretchable film on one side of the conductive fabric, and cut {count} patches from {}.",
-            code("patterns/patches.svg")
+            "Solder to one end of each {wire}, before it goes into the base: the iron would melt the print. Any gauge \
+             will do for the readings: a few mA flow, and a metre of AWG 30 has 0.3 ohm. Leave 0.3 m beyond the edge \
+             of the base, or as much as the way to the reader needs."
         ),
-        glue,
+        "Lead the wire through the bore from the outer side, push the pin in until it is flush, and glue it from the inner \
+         side. No glue on its outer face. Let the glue harden as its data sheet says, and grind the face flush."
+            .into(),
         lay,
-    ];
-    let mut text = list(&steps);
-    let rows = match fabrication.chart {
-        Some(_) => {
-            "Patches as they lie on the coat, unrolled: R0C0 is at the lower left, R counts upwards, C to the right."
-        }
-        None => "Patches, all alike; patches.csv has the place of each.",
-    };
-    if let Some(picture) = pictures::sheet(fabrication, "patches") {
-        text += &figure(&picture, rows);
+        "Mark the free end of each wire with the electrode's label.".into(),
+        "Measure from each pin's face to the end of its wire: below 1 ohm. To every other wire: open.".into(),
+    ]
+}
+
+/// A gauge of wire whose insulation is thin enough; outer diameters are those of common wires.
+fn gauge(wide_m: f64) -> &'static str {
+    match wide_m {
+        wide_m if wide_m >= 0.9e-3 => "AWG 28 with thin insulation has about 0.8 mm; check its data sheet",
+        wide_m if wide_m >= 0.6e-3 => "AWG 30 for wire wrapping has about 0.6 mm; check its data sheet",
+        _ => "enamelled copper of 0.2 mm",
     }
-    section("4. Cover", &text, true)
-}
-
-/// Size of the foam's outline: `` (W x H mm)``; nothing for a body that does not unroll.
-fn foam_size(fabrication: &Fabrication) -> String {
-    let Some(coat) = &fabrication.coat else { return String::new() };
-    let [[x0, y0], [x1, y1]] = coat.bounds_m();
-    let overlap_m =
-        if matches!(fabrication.design.body, Body::Cylinder { .. }) { fabrication.options.overlap_m } else { 0.0 };
-    format!(" ({:.1} x {:.1} mm)", 1e3 * (x1 - x0 + overlap_m), 1e3 * (y1 - y0))
-}
-
-/// Readings of the first drive that the page shows.
-const SHOWN: usize = 12;
-
-pub(super) fn test(fabrication: &Fabrication) -> Result<String, FabricateError> {
-    let electrical = fabrication.electrical()?;
-    let options = &fabrication.options;
-    let first = electrical.readings[0].slot.drive;
-    let label = |electrode: usize| fabrication.electrodes[electrode].label.clone();
-    let row = |(slot, one): (usize, &electrical::Reading)| {
-        let between = match one.slot.measure {
-            Some(([plus, minus], _)) => format!("{} - {}", label(plus), label(minus)),
-            None => "reference resistor".into(),
-        };
-        let [low, high] = one.volt.limits();
-        let [low, nominal, high] = [low, one.volt.nominal, high].map(|value| rounded(1e3 * value, 2));
-        [slot.to_string(), between, low, nominal, high]
-    };
-    let of_first = electrical.readings.iter().enumerate().filter(|(_, one)| one.slot.drive == first);
-    let columns = ["Slot", "Between", "Least, mV", "Expected, mV", "Greatest, mV"];
-    let text = format!(
-        include_str!("test.html"),
-        sheet = 100.0 * options.sheet_spread,
-        contact = 100.0 * options.contact_spread,
-        reference = 100.0 * electrical::REFERENCE_TOLERANCE,
-        source = label(first[0]),
-        sink = label(first[1]),
-        volt = electrical.electronics.source_v,
-        ohm = electrical.electronics.reference_ohm,
-        readings = table(columns, of_first.take(SHOWN).map(row)).to_html(),
-        design = escaped(&argument(&fabrication.design)),
-        port = "--source serial:/dev/ttyACM0"
-    );
-    Ok(section("6. First test", &text, true))
 }
 
 /// A design as an argument of a command: the name of a shipped one, else a file.
-fn argument(design: &SkinDesign) -> String {
+pub(super) fn argument(design: &SkinDesign) -> String {
     let name = if is_plain(&design.name) { design.name.as_str() } else { "skin" };
     match SkinDesign::shipped(name).is_some_and(|shipped| shipped == *design) {
         true => name.into(),
@@ -254,11 +197,11 @@ fn argument(design: &SkinDesign) -> String {
 }
 
 /// Whether a name needs no quotes in a shell.
-fn is_plain(name: &str) -> bool {
+pub(super) fn is_plain(name: &str) -> bool {
     !name.is_empty() && name.chars().all(|letter| letter.is_ascii_alphanumeric() || "-_".contains(letter))
 }
 
-pub(super) fn robot(fabrication: &Fabrication) -> String {
+pub(super) fn robot(fabrication: &Fabrication) -> Section {
     let text = format!(include_str!("robot.html"), frame = code(&fabrication.design.frame_id()));
-    section("7. Robot", &text, false)
+    section("8. Robot", text, false)
 }

@@ -27,9 +27,15 @@ fn the_page_is_well_formed_and_needs_no_other_file() {
     for name in ["skin16", concat!(env!("CARGO_MANIFEST_DIR"), "/../dermis/designs/forearm.toml")] {
         let page = page_of(&SkinDesign::load(name).unwrap());
         check_nesting(&page);
-        for outside in ["<script", "<img", "<link", "url(", "@import", "href="] {
+        for outside in ["<script", "<img", "<link", "url(", "@import"] {
             assert!(!page.contains(outside), "{name}: {outside}");
         }
+        // The contents refer to the sections.
+        let targets = page.split("href=\"").skip(1).map(|rest| rest.split('"').next().unwrap());
+        let targets: Vec<&str> =
+            targets.map(|target| target.strip_prefix('#').expect("a place of this page")).collect();
+        assert!(targets.len() == page.matches("<h2>").count() && targets.len() > 8, "{targets:?}");
+        assert!(targets.iter().all(|target| page.contains(&format!("id=\"{target}\""))), "{targets:?}");
     }
 }
 
@@ -46,7 +52,7 @@ fn the_page_has_every_electrode_and_the_sizes_of_the_design() {
         "a &lt;b&gt; &amp; c",
         "disk, 80 mm in diameter",
         "1000 ohm per square",
-        "wall 4<",
+        "wall, 4 mm",
         "bores with a drill of 2 mm",
     ] {
         assert!(page.contains(part), "{part}");
@@ -60,4 +66,79 @@ fn the_commands_of_the_page_name_the_design() {
     assert!(page_of(&design).contains("dermis live skin16 --source"));
     design.sheet.conductance *= 2.0;
     assert!(page_of(&design).contains("dermis live skin16.toml --source"));
+}
+
+/// What the page prescribes is what the commands take: the check of the build refuses a skin without signs.
+#[test]
+fn the_check_of_the_build_is_prescribed_only_where_it_works() {
+    let mut design = SkinDesign::shipped("skin16").unwrap();
+    for _ in 0..2 {
+        let page = page_of(&design);
+        let accepts = dermis_calibrate::build::BuildChecker::accepts(&design).is_ok();
+        assert_eq!(page.contains("<code>dermis check-build skin16"), accepts);
+        let text = SkinDesign::shipped_text("skin16").unwrap();
+        assert!(text.contains("amplitude_only = true"));
+        let with_signs = text.replace("amplitude_only = true", "amplitude_only = false");
+        design = SkinDesign::parse(&with_signs, "test.toml").unwrap();
+    }
+    assert!(dermis_calibrate::build::BuildChecker::accepts(&design).is_ok());
+}
+
+/// The firmware is on the controller before the first command that needs it.
+#[test]
+fn every_step_comes_before_what_needs_it() {
+    let page = page_of(&SkinDesign::shipped("cylinder30").unwrap());
+    let at = |part: &str| page.find(part).unwrap_or_else(|| panic!("{part}"));
+    let order = [
+        "2.9 mm in diameter: 0.1 mm less than the bore",
+        "at most 1 mm with its insulation",
+        "tables/neighbours.csv",
+        "stick an elastic tape",
+        "end B of the reference resistor",
+        "dermis scan-table cylinder30 --firmware",
+        "elf2uf2-rs target",
+        "dermis check-device cylinder30",
+    ];
+    assert!(order.map(at).is_sorted());
+    // Between the rim electrodes 0 and 1.
+    assert!(page.contains("<td>E00 - E01</td><td class=\"number\">698</td><td class=\"number\">1726</td>"));
+}
+
+/// Every part of the reader has its supply, and the drawing joins the ends of the reference resistor nowhere.
+#[test]
+fn the_reader_has_its_supplies_and_its_reference_is_not_shorted() {
+    let page = page_of(&SkinDesign::shipped("cylinder30").unwrap());
+    for part in
+        ["+12 V; -12 V", "<td>AVDD</td><td>1.8 V</td>", "<td>DVIO</td><td>3.3 V", "/CS, /WR", "MCP6D11", "100 nF"]
+    {
+        assert!(page.contains(part), "{part}");
+    }
+    // Lines at the height of input 31 reach one multiplexer each, from a label.
+    let y = format!("{:.2}", 12.0 + 4.1 * 31.5);
+    let lines: Vec<&str> =
+        page.split("<path d=\"M").filter(|rest| rest.split('"').next().unwrap().contains(&format!(" {y} H"))).collect();
+    let length = |line: &&str| {
+        let (from, rest) = line.split_once(' ').unwrap();
+        let to = rest.split_once('H').unwrap().1.split('"').next().unwrap();
+        to.parse::<f64>().unwrap() - from.parse::<f64>().unwrap()
+    };
+    assert!(lines.len() == 2 && lines.iter().map(length).all(|length| (0.0..9.0).contains(&length)), "{lines:?}");
+}
+
+/// A region has its resistance in the drawing, and a row with its place.
+#[test]
+fn regions_are_named_with_their_resistance() {
+    let region = "[[sheet.regions]]\nname = \"stripe\"\nsheet_resistance_ohm = 2500.0\nlow_m = [-0.01, -0.01]\nhigh_m = [0.01, 0.01]\n\n[electrodes]\n";
+    let text = SkinDesign::shipped_text("skin16").unwrap().replacen("[electrodes]\n", region, 1);
+    let page = page_of(&SkinDesign::parse(&text, "test.toml").unwrap());
+    assert!(page.contains(">stripe</text>") && page.contains(">2500 ohm/sq</text>"));
+    assert!(page.contains("<td>stripe</td><td class=\"number\">2500</td><td>x -10 to 10, y -10 to 10</td>"));
+}
+
+/// Patches would let a membrane conduct more where it is pressed.
+#[test]
+fn a_coat_whose_conductance_falls_gets_no_fabric() {
+    let page = page_of(&SkinDesign::shipped("skin16").unwrap());
+    assert!(page.contains("Lay no conductive fabric on it") && !page.contains("Iron a stretchable film"));
+    assert!(page_of(&SkinDesign::shipped("cylinder30").unwrap()).contains("Iron a stretchable film"));
 }

@@ -71,6 +71,9 @@ fn xacro(fabrication: &Fabrication) -> String {
     )
 }
 
+/// Density of PLA, which is most often printed, kg/m3; makers of filament state 1,240.
+const PLA_KG_PER_M3: f64 = 1240.0;
+
 fn mjcf(fabrication: &Fabrication) -> String {
     let (name, frame) = (escaped(&fabrication.design.name), fabrication.design.frame_id());
     let site = |one: &FabricatedElectrode| {
@@ -79,5 +82,5 @@ fn mjcf(fabrication: &Fabrication) -> String {
         format!("      <site name=\"{name}\" type=\"sphere\" size=\"0.002\" pos=\"{place}\" zaxis=\"{axis}\"/>\n")
     };
     let sites: String = fabrication.electrodes.iter().map(site).collect();
-    format!(include_str!("skin.xml"), name = name, frame = frame, sites = sites)
+    format!(include_str!("skin.xml"), name = name, frame = frame, sites = sites, density = PLA_KG_PER_M3)
 }

@@ -206,5 +206,10 @@ fn label_text(file: &mut Writer, label: &Label) {
     file.object("TEXT", own, handle::MODEL, &["AcDbEntity"]);
     file.pair(8, "LABELS").pair(100, "AcDbText");
     file.pair(10, mm(label.at_m[0])).pair(20, mm(label.at_m[1])).pair(30, "0.0");
-    file.pair(40, mm(label.height_m)).pair(1, &label.text).pair(7, "Standard").pair(100, "AcDbText");
+    file.pair(40, mm(label.height_m)).pair(1, &label.text).pair(7, "Standard");
+    if label.ends {
+        // 2: the second place is the right end.
+        file.pair(72, 2).pair(11, mm(label.at_m[0])).pair(21, mm(label.at_m[1])).pair(31, "0.0");
+    }
+    file.pair(100, "AcDbText");
 }

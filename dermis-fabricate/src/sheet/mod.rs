@@ -30,12 +30,32 @@ pub struct Layer {
 /// A text beside an outline, in the layer `LABELS`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Label {
-    /// Left end of its base line, m.
+    /// Left end of its base line, m; its right end if it is to end there.
     pub(crate) at_m: Point2,
+    /// Whether `at_m` is its right end.
+    pub(crate) ends: bool,
     /// Height of its capitals, m.
     pub(crate) height_m: f64,
     /// The text: ASCII without control characters.
     pub(crate) text: String,
+}
+
+/// Width of a letter over the height of capitals, at most.
+const LETTER: f64 = 1.0;
+
+impl Label {
+    /// A text that begins at a place.
+    pub(crate) fn new(at_m: Point2, height_m: f64, text: &str) -> Self {
+        Label { at_m, ends: false, height_m, text: ascii(text) }
+    }
+
+    /// The box that it takes, at most, with letters enlarged by a factor.
+    pub(crate) fn bounds_m(&self, factor: f64) -> [Point2; 2] {
+        let [x, y] = self.at_m;
+        let wide_m = LETTER * factor * self.height_m * self.text.len() as f64;
+        let left = if self.ends { x - wide_m } else { x };
+        [[left, y], [left + wide_m, y + factor * self.height_m]]
+    }
 }
 
 /// A drawing: the lower left corner is at the origin, x to the right, y up.
@@ -77,13 +97,15 @@ impl Sheet {
         mut labels: Vec<Label>,
         kerf_m: f64,
     ) -> Self {
-        let outlines = layers.iter().flat_map(|layer| &layer.outlines);
-        let [low, mut high] = bounding_box(outlines.flat_map(Outline::bounds_m));
+        let outlines = layers.iter().flat_map(|layer| &layer.outlines).flat_map(Outline::bounds_m);
+        let [low, mut high] = bounding_box(outlines.chain(labels.iter().flat_map(|label| label.bounds_m(1.0))));
         high[0] = high[0].max(low[0] + SCALE_M + MARGIN_M + COUPON_M + MARGIN_M);
         let foot = [low[0], low[1] - MARGIN_M - COUPON_M];
         layers.extend(furniture(foot, kerf_m, &mut labels));
         let at_m = [foot[0], foot[1] - MARGIN_M];
-        labels.push(Label { at_m, height_m: TEXT_M, text: ascii(&title) });
+        let title = Label::new(at_m, TEXT_M, &title);
+        high[0] = high[0].max(title.bounds_m(1.0)[1][0]);
+        labels.push(title);
         let by = [MARGIN_M - low[0], MARGIN_M - at_m[1]];
         for layer in &mut layers {
             layer.outlines = layer.outlines.iter().map(|outline| outline.moved(by)).collect();
@@ -112,11 +134,10 @@ fn furniture([x, y]: Point2, kerf_m: f64, labels: &mut Vec<Label>) -> [Layer; 2]
     let inset = 0.5 * (COUPON_M - COUPON_HOLE_M);
     let piece = Outline::rectangle([left, y], [left + COUPON_M, y + COUPON_M]);
     let hole = Outline::rectangle([left + inset, y + inset], [left + inset + COUPON_HOLE_M, y + inset + COUPON_HOLE_M]);
-    labels.push(Label { at_m: [x, y + 0.004], height_m: TEXT_M, text: "100 mm".into() });
+    labels.push(Label::new([x, y + 0.004], TEXT_M, "100 mm"));
     let text = format!("cut with a kerf of {:.2} mm:", 1e3 * kerf_m);
-    labels.push(Label { at_m: [x, y + 0.016], height_m: TEXT_M, text });
-    let text = "side 20.00 mm, hole 10.00 mm ->".into();
-    labels.push(Label { at_m: [x, y + 0.011], height_m: TEXT_M, text });
+    labels.push(Label::new([x, y + 0.016], TEXT_M, &text));
+    labels.push(Label::new([x, y + 0.011], TEXT_M, "side 20.00 mm, hole 10.00 mm ->"));
     [
         Layer { name: FURNITURE[0], colour: BLACK, outlines: vec![bar] },
         Layer {

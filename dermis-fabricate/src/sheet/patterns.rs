@@ -1,9 +1,10 @@
 //! What is on each sheet.
 
+use crate::grooves::grooves;
 use crate::model::{FabricatedElectrode, Fabrication};
 use crate::outline::Outline;
 use crate::sheet::{Label, Layer, Sheet};
-use dermis::design::{Body, ElectrodeShape, FabricationOptions, RegionPlace};
+use dermis::design::{Body, ElectrodeShape, FabricationOptions, Region, RegionPlace};
 use dermis::geom::{Chart, Point2, Point3};
 use std::f64::consts::PI;
 
@@ -37,8 +38,55 @@ fn sheet(
     Sheet::new(name, purpose.into(), title, layers, labels, fabrication.options.kerf_m)
 }
 
-fn label(at_m: Point2, height_m: f64, text: &str) -> Label {
-    Label { at_m, height_m, text: text.into() }
+/// Distance of a label from its part, m.
+const BESIDE_M: f64 = 0.001;
+
+/// Height of the labels of parts, m: for a drawing of a page's width, and no more than leaves room beside neighbours.
+fn label_height_m(parts: &[(Outline, &str)], outline: &Outline) -> f64 {
+    let [low, high] = outline.bounds_m();
+    let middles: Vec<Point2> = parts
+        .iter()
+        .map(|(part, _)| {
+            let [low, high] = part.bounds_m();
+            [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])]
+        })
+        .collect();
+    let apart = |(k, a): (usize, &Point2)| {
+        middles[..k].iter().map(|b| (a[0] - b[0]).hypot(a[1] - b[1])).fold(f64::INFINITY, f64::min)
+    };
+    let nearest_m = middles.iter().enumerate().map(apart).fold(f64::INFINITY, f64::min);
+    let wanted_m = (high[0] - low[0]).max(high[1] - low[1]) / 50.0;
+    wanted_m.min(0.2 * nearest_m).max(0.0015)
+}
+
+/// Labels of parts beside them, where they are inside an outline and on no other part if there is such a place: to the
+/// right, to the left, above, or below.
+fn beside(parts: &[(Outline, &str)], outline: &Outline) -> Vec<Label> {
+    let height_m = label_height_m(parts, outline);
+    let boxes: Vec<[Point2; 2]> = parts.iter().map(|(part, _)| part.bounds_m()).collect();
+    let is_inside = |label: &Label| {
+        let [[x0, y0], [x1, y1]] = label.bounds_m(1.0);
+        [[x0, y0], [x1, y0], [x1, y1], [x0, y1]].into_iter().all(|corner| outline.contains(corner))
+    };
+    let is_free = |label: &Label| {
+        let [low, high] = label.bounds_m(1.0);
+        let meets = |[l, h]: &[Point2; 2]| (0..2).all(|axis| l[axis] < high[axis] && low[axis] < h[axis]);
+        !boxes.iter().any(meets)
+    };
+    let place = |((_, text), [low, high]): (&(Outline, &str), &[Point2; 2])| {
+        let middle = [0, 1].map(|axis| 0.5 * (low[axis] + high[axis]));
+        let own = Label::new([high[0] + BESIDE_M, middle[1] - 0.5 * height_m], height_m, text);
+        let half_m = 0.5 * (own.bounds_m(1.0)[1][0] - own.at_m[0]);
+        let choices = [
+            own.clone(),
+            Label { at_m: [low[0] - BESIDE_M, own.at_m[1]], ends: true, ..own.clone() },
+            Label { at_m: [middle[0] - half_m, high[1] + BESIDE_M], ..own.clone() },
+            Label { at_m: [middle[0] - half_m, low[1] - BESIDE_M - height_m], ..own.clone() },
+        ];
+        let best = choices.iter().find(|label| is_inside(label) && is_free(label));
+        best.or_else(|| choices.iter().find(|label| is_inside(label))).unwrap_or(&own).clone()
+    };
+    parts.iter().zip(&boxes).map(place).collect()
 }
 
 /// The patches: side by side as they lie on the coat, or in rows where each is laid on by itself. Cut outside their
@@ -57,7 +105,7 @@ fn patches(fabrication: &Fabrication) -> Sheet {
         let [[left, _], [right, _]] = outline.bounds_m();
         let [[_, low], [_, high]] = outline.bounds_m();
         let height_m = (0.12 * (right - left)).min(0.002);
-        labels.push(label([left + 0.2 * (right - left), 0.5 * (low + high)], height_m, &patch.label));
+        labels.push(Label::new([left + 0.2 * (right - left), 0.5 * (low + high)], height_m, &patch.label));
         outlines.push(outline.grown(0.5 * options.kerf_m));
     }
     let layer = Layer { name: "PATCHES", colour: RED, outlines };
@@ -88,18 +136,18 @@ fn with_overlap(fabrication: &Fabrication, coat: &Outline, flange_m: f64) -> Out
 /// their outlines.
 fn coat_mask(fabrication: &Fabrication, chart: &Chart, coat: &Outline) -> Sheet {
     let half_m = 0.5 * fabrication.options.kerf_m;
-    let (mut pads, mut labels) = (Vec::new(), Vec::new());
-    for electrode in &fabrication.electrodes {
-        for pad in pads_of(electrode, chart, coat, &fabrication.options) {
-            let [low, high] = pad.bounds_m();
-            labels.push(label([high[0] + 0.001, 0.5 * (low[1] + high[1])], 0.002, &electrode.label));
-            pads.push(pad.grown(-half_m));
-        }
-    }
+    let of = |electrode| pads_of(electrode, chart, coat, &fabrication.options);
+    let named = fabrication.electrodes.iter().flat_map(|one| of(one).into_iter().map(|pad| (pad, one.label.as_str())));
+    let named: Vec<(Outline, &str)> = named.collect();
+    let mut labels = beside(&named, coat);
+    let pads: Vec<Outline> = named.iter().map(|(pad, _)| pad.grown(-half_m)).collect();
     let mut layers = vec![Layer { name: "COAT", colour: RED, outlines: vec![coat.grown(-half_m)] }];
     layers.extend((!pads.is_empty()).then_some(Layer { name: "PADS", colour: GREEN, outlines: pads }));
     let regions = regions(fabrication, chart, coat);
-    layers.extend((!regions.is_empty()).then_some(Layer { name: "REGIONS", colour: MAGENTA, outlines: regions }));
+    let most_m = label_height_m(&named, coat);
+    labels.extend(regions.iter().flat_map(|(outline, region)| region_labels(outline, region, most_m)));
+    let outlines: Vec<Outline> = regions.into_iter().map(|(outline, _)| outline).collect();
+    layers.extend((!outlines.is_empty()).then_some(Layer { name: "REGIONS", colour: MAGENTA, outlines }));
     sheet(fabrication, "coat-mask", "coat and electrode pads", layers, labels)
 }
 
@@ -161,8 +209,23 @@ fn ring_part(radius_m: f64, middle_rad: f64, length_m: f64, width_m: f64) -> Out
     Outline::Polygon(outer.chain(inner).collect())
 }
 
-/// Boxes of another conductance, as (z, s) on a cylinder and (x, y) on a flat body.
-fn regions(fabrication: &Fabrication, chart: &Chart, coat: &Outline) -> Vec<Outline> {
+/// The name of a region and its sheet resistance in the middle of its outline, as large as its width allows.
+fn region_labels(outline: &Outline, region: &Region, most_m: f64) -> [Label; 2] {
+    let [[x0, y0], [x1, y1]] = outline.bounds_m();
+    let lines = [format!("{:.0} ohm/sq", 1.0 / region.conductance), region.name.clone()];
+    let longest = lines.iter().map(String::len).max().expect("two lines");
+    let height_m = (0.9 * (x1 - x0) / longest as f64).min(most_m);
+    let mut up_m = 0.5 * (y0 + y1) - 1.2 * height_m;
+    lines.map(|line| {
+        let label = Label::new([x0, up_m], height_m, &line);
+        up_m += 1.6 * height_m;
+        let wide_m = label.bounds_m(1.0)[1][0] - x0;
+        Label { at_m: [0.5 * (x0 + x1 - wide_m), label.at_m[1]], ..label }
+    })
+}
+
+/// Boxes of another conductance with their regions, as (z, s) on a cylinder and (x, y) on a flat body.
+fn regions<'a>(fabrication: &'a Fabrication, chart: &Chart, coat: &Outline) -> Vec<(Outline, &'a Region)> {
     let mut outlines = Vec::new();
     for region in &fabrication.design.sheet.regions {
         let RegionPlace::Box { low_m, high_m } = region.place else { continue };
@@ -170,9 +233,9 @@ fn regions(fabrication: &Fabrication, chart: &Chart, coat: &Outline) -> Vec<Outl
             Some(period_m) => {
                 let whole = Outline::rectangle([low_m[1], low_m[0]], [high_m[1], high_m[0]]);
                 let copies = (-2..=2).map(|turn| whole.moved([f64::from(turn) * period_m, 0.0]));
-                outlines.extend(copies.filter_map(|copy| copy.clipped(coat)));
+                outlines.extend(copies.filter_map(|copy| Some((copy.clipped(coat)?, region))));
             }
-            None => outlines.extend(Outline::rectangle(low_m, high_m).clipped(coat)),
+            None => outlines.extend(Outline::rectangle(low_m, high_m).clipped(coat).map(|outline| (outline, region))),
         }
     }
     outlines
@@ -180,15 +243,8 @@ fn regions(fabrication: &Fabrication, chart: &Chart, coat: &Outline) -> Vec<Outl
 
 /// The wire channels on the inner side, as far as the template goes: from each bore to the lower edge.
 fn channels(fabrication: &Fabrication, chart: &Chart, template: &Outline) -> Vec<Outline> {
-    let options = &fabrication.options;
-    if options.channel_depth_m == 0.0 {
-        return Vec::new();
-    }
-    let half_m = 0.5 * options.channel_width_m;
-    let low_m = template.bounds_m()[0][1];
-    let places = fabrication.electrodes.iter().flat_map(|one| places_within(chart, one.bore.centre_m, half_m));
-    let band = |[s, t]: Point2| Outline::rectangle([s - half_m, low_m], [s + half_m, t]).clipped(template);
-    places.filter_map(band).collect()
+    let grooves = grooves(fabrication, chart, template.bounds_m()[0][1]);
+    grooves.iter().filter_map(|groove| groove.outline.clipped(template)).collect()
 }
 
 /// The drill template: a print that is laid round the base; lines are drawn where they are, without the kerf.
@@ -196,7 +252,7 @@ fn template(fabrication: &Fabrication, chart: &Chart, coat: &Outline) -> Sheet {
     let options = &fabrication.options;
     let outline = with_overlap(fabrication, coat, options.flange_m);
     let [[low_m, _], _] = coat.bounds_m();
-    let (mut bores, mut labels) = (Vec::new(), Vec::new());
+    let mut bores: Vec<(Outline, &str)> = Vec::new();
     for electrode in &fabrication.electrodes {
         let radius_m = 0.5 * electrode.bore.diameter_m;
         let overlap_m = if chart.period_m().is_some() { options.overlap_m } else { 0.0 };
@@ -204,10 +260,11 @@ fn template(fabrication: &Fabrication, chart: &Chart, coat: &Outline) -> Sheet {
             if centre_m[0] < low_m - radius_m && chart.period_m().is_some() {
                 continue;
             }
-            labels.push(label([centre_m[0] + radius_m + 0.001, centre_m[1] - 0.001], 0.0025, &electrode.label));
-            bores.push(Outline::Circle { centre_m, radius_m });
+            bores.push((Outline::Circle { centre_m, radius_m }, &electrode.label));
         }
     }
+    let labels = beside(&bores, &outline);
+    let bores = bores.into_iter().map(|(bore, _)| bore).collect();
     let channels = channels(fabrication, chart, &outline);
     let mut layers = vec![Layer { name: "TEMPLATE", colour: BLUE, outlines: vec![outline] }];
     layers.extend((!channels.is_empty()).then_some(Layer { name: "CHANNELS", colour: GREY, outlines: channels }));

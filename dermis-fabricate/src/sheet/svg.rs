@@ -43,14 +43,13 @@ fn outlines(sheet: &Sheet, layer: &Layer) -> impl Iterator<Item = String> {
 
 fn written(sheet: &Sheet, label: &Label, size: &str) -> String {
     let [x, y] = [label.at_m[0], sheet.size_m[1] - label.at_m[1]].map(mm);
-    format!("<text x=\"{x}\" y=\"{y}\" font-size=\"{size}\">{}</text>\n", escaped(&label.text))
+    let anchor = if label.ends { " text-anchor=\"end\"" } else { "" };
+    format!("<text x=\"{x}\" y=\"{y}\" font-size=\"{size}\"{anchor}>{}</text>\n", escaped(&label.text))
 }
 
 /// Smallest capitals that are read on paper, mm, and most labels that are enlarged to them.
-const READABLE_MM: f64 = 1.6;
+const READABLE_MM: f64 = 2.2;
 const MAX_ENLARGED: usize = 120;
-/// Width of a letter over the height of capitals, at most.
-const LETTER: f64 = 1.0;
 
 /// The drawing of a sheet alone, for a page, as large as a box (width and height on paper, mm) allows. Labels that would be
 /// too small are enlarged, or left out where there are many.
@@ -65,13 +64,12 @@ pub(crate) fn figure(sheet: &Sheet, box_mm: [f64; 2]) -> String {
     let factor = (READABLE_MM / (scale * usual_mm)).max(1.0);
     let shown = factor == 1.0 || labels.len() <= MAX_ENLARGED;
     let line = 0.25 / scale;
-    // Room for labels of what is at the right edge.
-    let end = |label: &&Label| {
-        1e3 * (label.at_m[0] + LETTER * factor * label.height_m * label.text.chars().count() as f64 - high[0])
-    };
-    let room = if shown { labels.iter().map(end).fold(0.0, f64::max) } else { 0.0 } + 1.0 / scale;
-    let (left, top) = (1e3 * low[0] - 1.0 / scale, 1e3 * (sheet.size_m[1] - high[1]) - 1.0 / scale);
-    let (wide, tall) = (width + 1.0 / scale + room, height + 2.0 / scale);
+    // Room for labels that are enlarged beyond the edges.
+    let boxes = labels.iter().filter(|_| shown).flat_map(|label| label.bounds_m(factor));
+    let [from, to] = bounding_box(boxes.chain([low, high]));
+    let margin = 1.0 / scale;
+    let (left, top) = (1e3 * from[0] - margin, 1e3 * (sheet.size_m[1] - to[1]) - margin);
+    let (wide, tall) = (1e3 * (to[0] - from[0]) + 2.0 * margin, 1e3 * (to[1] - from[1]) + 2.0 * margin);
     let mut text = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{:.1}mm\" viewBox=\"{left:.3} {top:.3} {wide:.3} {tall:.3}\" \
          role=\"img\">\n<title>{}</title>\n",

@@ -44,3 +44,39 @@ fn a_disk_is_covered_by_patches_cut_at_its_rim() {
     assert!(whole < area * (1.0 - options.patch_gap_m / 0.008));
     assert!(made.patches.iter().all(|patch| patch.outline.area_m2() > 0.0));
 }
+
+/// On every sheet of the shipped designs: labels inside what they name a part of, and channels apart from one another.
+#[test]
+fn labels_are_inside_and_channels_do_not_overlap() {
+    for name in ["cylinder30", "skin16"] {
+        let made = fabrication(name);
+        let sheets = patterns::sheets(&made);
+        for (sheet, edge) in [("drill-template", "TEMPLATE"), ("coat-mask", "COAT")] {
+            let [outline] = layer(&sheets, sheet, edge) else { panic!("one edge") };
+            let parts = layer(&sheets, sheet, if edge == "COAT" { "PADS" } else { "DRILL" });
+            let labels = &sheets.iter().find(|one| one.name == sheet).unwrap().labels;
+            let named: Vec<_> = labels.iter().filter(|label| label.text.starts_with('E')).collect();
+            assert_eq!(named.len(), made.electrodes.len(), "{name} {sheet}");
+            for label in named {
+                let [[x0, y0], [x1, y1]] = label.bounds_m(1.0);
+                assert!(
+                    [[x0, y0], [x1, y0], [x1, y1], [x0, y1]].iter().all(|&corner| outline.contains(corner)),
+                    "{label:?}"
+                );
+                let meets = |part: &&Outline| {
+                    let [low, high] = part.bounds_m();
+                    low[0] < x1 && x0 < high[0] && low[1] < y1 && y0 < high[1]
+                };
+                assert!(parts.iter().find(meets).is_none(), "{name} {sheet} {label:?}");
+            }
+        }
+        let channels = layer(&sheets, "drill-template", "CHANNELS");
+        let mut sides: Vec<[f64; 2]> =
+            channels.iter().map(|one| [one.bounds_m()[0][0], one.bounds_m()[1][0]]).collect();
+        sides.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        assert!(sides.len() > 3 && sides.windows(2).all(|pair| pair[0][1] <= pair[1][0]), "{name}: {sides:?}");
+    }
+    let notes = crate::notes(&fabrication("skin16"));
+    assert!(notes.iter().any(|note| note.starts_with("the channels of E00, E01, E15 overlap")), "{notes:?}");
+    assert!(!crate::notes(&fabrication("cylinder30")).iter().any(|note| note.contains("overlap")));
+}

@@ -75,6 +75,7 @@ fn on_mesh(bores: &[Bore], mesh: &BodyMesh, options: &FabricationOptions) -> Res
     }
     let inner: Vec<Point3> = shell::inner_m(mesh, options.wall_m);
     let ways = Ways::new(mesh, &inner);
+    let ways_of = ways.of(bores, options);
     let (half, depth) = (0.5 * options.channel_width_m, options.channel_depth_m);
     // Two balls at each node: one on the inner face, and one whose lowest point is at the depth.
     let balls = |place: Point3, outward: Point3| {
@@ -86,20 +87,33 @@ fn on_mesh(bores: &[Bore], mesh: &BodyMesh, options: &FabricationOptions) -> Res
     let outward = |node: usize| normalize(sub(mesh.nodes[node], inner[node]));
     let mut cut = Vec::new();
     let mut edges = BTreeSet::new();
-    for bore in bores {
-        let place = sub(bore.centre_m, scale(bore.normal, options.wall_m));
-        let start = ways.nearest_node(place);
+    for (bore, way) in bores.iter().zip(&ways_of) {
+        let (start, at) = (way[0], way[way.len() - 1]);
+        let place = inner_end(bore, options);
         cut.push(segment(balls(place, bore.normal), balls(inner[start], outward(start))));
-        let mut at = start;
-        while let Some(next) = ways.next[at] {
-            edges.insert([at.min(next), at.max(next)]);
-            at = next;
-        }
+        edges.extend(way.windows(2).map(|step| [step[0].min(step[1]), step[0].max(step[1])]));
         let beyond = add(inner[at], scale(ways.out_of(at, mesh, &inner), options.channel_width_m));
         cut.push(segment(balls(inner[at], outward(at)), balls(beyond, outward(at))));
     }
     cut.extend(edges.into_iter().map(|[a, b]| segment(balls(inner[a], outward(a)), balls(inner[b], outward(b)))));
     Ok(cut)
+}
+
+/// The middle of a bore on the inner face.
+fn inner_end(bore: &Bore, options: &FabricationOptions) -> Point3 {
+    sub(bore.centre_m, scale(bore.normal, options.wall_m))
+}
+
+/// The most wires that lie in one channel of a body from a mesh file; `None` for other bodies and without channels.
+pub(crate) fn most_wires(fabrication: &Fabrication) -> Option<usize> {
+    let mesh = fabrication.body_mesh.as_ref().filter(|mesh| !mesh.boundary.is_empty())?;
+    let inner: Vec<Point3> = shell::inner_m(mesh, fabrication.options.wall_m);
+    let bores: Vec<Bore> = fabrication.electrodes.iter().map(|one| one.bore).collect();
+    let mut wires = vec![0; inner.len()];
+    for node in Ways::new(mesh, &inner).of(&bores, &fabrication.options).into_iter().flatten() {
+        wires[node] += 1;
+    }
+    wires.into_iter().max()
 }
 
 /// Shortest ways along edges to the boundary (Dijkstra, 1959, DOI 10.1007/BF01386390).
@@ -138,6 +152,15 @@ impl<'a> Ways<'a> {
             }
         }
         Ways { inner, next }
+    }
+
+    /// The nodes from each bore to the edge.
+    fn of(&self, bores: &[Bore], options: &FabricationOptions) -> Vec<Vec<usize>> {
+        let way = |bore: &Bore| {
+            let start = self.nearest_node(inner_end(bore, options));
+            std::iter::successors(Some(start), |&at| self.next[at]).collect()
+        };
+        bores.iter().map(way).collect()
     }
 
     fn nearest_node(&self, place: Point3) -> usize {

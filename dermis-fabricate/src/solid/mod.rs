@@ -9,6 +9,7 @@ mod stl;
 mod threemf;
 
 pub use base::{base, designed_genus};
+pub(crate) use channel::most_wires;
 
 use crate::error::FabricateError;
 use crate::folder::OutputFile;

@@ -104,6 +104,11 @@ def check_xacro():
     print(f"xacro: two skins on one robot, {2 * len(ELECTRODES)} electrode frames within {worst:.1e} of the URDF (m, axes)")
 
 
+def stl_corners():
+    raw = np.frombuffer((FOLDER / "base.stl").read_bytes()[84:], dtype=np.dtype([("f", "<f4", 12), ("n", "<u2")]))["f"]
+    return raw[:, 3:].reshape(-1, 3)
+
+
 def check_mujoco():
     mujoco = optional("mujoco")
     if mujoco is None:
@@ -117,14 +122,19 @@ def check_mujoco():
         site = model.site(link).id
         worst = max(worst, largest_difference((data.site_xmat[site].reshape(3, 3), data.site_xpos[site]), OWN[link]))
     assert worst < 1e-6, worst
+    # The mass is that of the wall, by the volume of the STL file and the density stated.
+    density = float(ElementTree.parse(ROBOT / "skin.xml").find(".//geom").get("density"))
+    triangles = 1e-3 * stl_corners().reshape(-1, 3, 3).astype(float)
+    expected = density * np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
+    mass = model.body_mass[1]
+    assert abs(mass / expected - 1) < 0.01, (mass, expected)
     # MuJoCo moves a mesh to its centre of mass; what it draws is where the file has it.
     geom = model.geom("base").id
     vertices = model.mesh_vert @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
-    raw = np.frombuffer((FOLDER / "base.stl").read_bytes()[84:], dtype=np.dtype([("f", "<f4", 12), ("n", "<u2")]))["f"]
-    corners = 1e-3 * raw[:, 3:].reshape(-1, 3)
+    corners = 1e-3 * stl_corners()
     off = max(np.abs(vertices.min(axis=0) - corners.min(axis=0)).max(), np.abs(vertices.max(axis=0) - corners.max(axis=0)).max())
     assert off < 1e-6, off
-    print(f"MuJoCo: loads, {model.nsite} sites within {worst:.1e} of the URDF, the base within {1e6 * off:.2f} um")
+    print(f"MuJoCo: loads, {model.nsite} sites within {worst:.1e} of the URDF, the base within {1e6 * off:.2f} um, mass {mass:.4f} kg ({expected:.4f} by its volume)")
 
 
 def check_launch():

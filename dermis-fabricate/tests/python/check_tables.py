@@ -88,6 +88,17 @@ def netlist_reads(text):
     return np.array(reads)
 
 
+def netlist_ohm(text):
+    """Resistance between each two electrodes of the netlist's skin alone."""
+    admittance = np.zeros((COUNT, COUNT))
+    for a, b, ohm in re.findall(r"^Rskin(\d+)_(\d+) e\d+ e\d+ (\S+)$", text, re.M):
+        a, b, siemens = int(a), int(b), 1 / float(ohm)
+        admittance[[a, b, a, b], [a, b, b, a]] += [siemens, siemens, -siemens, -siemens]
+    inverse = np.linalg.pinv(admittance, rcond=1e-10)
+    own = np.diag(inverse)
+    return own[:, None] + own[None, :] - 2 * inverse
+
+
 def urdf_frames(root):
     """Place (mm) and z axis of the frame of each electrode, by its name's number."""
     frames = {}
@@ -214,6 +225,23 @@ def check_agreement():
         print("C header: compiled without a warning, its arrays agree")
 
 
+def check_neighbours():
+    """The ohmmeter's values against the netlist; every electrode is measured twice."""
+    table = rows("tables/neighbours.csv")
+    expected = netlist_ohm((FOLDER / "tables/skin.cir").read_text())
+    worst = 0.0
+    for row in table:
+        a, b = int(row["electrode_a"]), int(row["electrode_b"])
+        assert (row["label_a"], row["label_b"]) == (LABELS[a], LABELS[b])
+        low, ohm, high = (float(row["ohm" + part]) for part in ("_low", "", "_high"))
+        assert low < ohm < high
+        worst = max(worst, abs(ohm / expected[a, b] - 1))
+    ends = [int(row[key]) for row in table for key in ("electrode_a", "electrode_b")]
+    assert np.bincount(ends, minlength=COUNT).min() >= 2
+    assert worst < 1e-5, worst
+    print(f"neighbours.csv: {len(table)} resistances within {worst:.1e} of the netlist's")
+
+
 def exchanged(columns, i, j):
     """Some columns with rows i and j exchanged, but the numbers in the first."""
     changed = [column.copy() for column in columns]
@@ -236,6 +264,7 @@ def check_exchanges(name, columns, agrees):
 
 
 check_agreement()
+check_neighbours()
 check_exchanges("electrodes.csv", ELECTRODES, electrodes_agree)
 check_exchanges("wiring.csv", WIRING, wiring_agrees)
 check_exchanges("scan-table.csv", SCAN, scan_agrees)

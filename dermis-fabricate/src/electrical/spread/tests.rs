@@ -52,7 +52,7 @@ fn the_spread_is_that_of_finite_differences() {
     let mut design = design();
     // The derivatives hold the correction at the ends of arcs constant.
     design.mesh.correct_arc_ends = false;
-    let electrical = Electrical::new(&design).unwrap();
+    let electrical = Electrical::new(&design, &[]).unwrap();
     let options = design.fabrication_options();
     let step = 1e-4;
     let slopes = |change: &dyn Fn(&mut Skin, f64)| -> Vec<f64> {
@@ -89,7 +89,7 @@ fn the_spread_is_that_of_finite_differences() {
 #[test]
 fn drawn_skins_are_within_the_limits() {
     let design = design();
-    let electrical = Electrical::new(&design).unwrap();
+    let electrical = Electrical::new(&design, &[]).unwrap();
     let options = design.fabrication_options();
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     // Sum of twelve: a normal distribution but for its ends, which are beyond four standard deviations.
