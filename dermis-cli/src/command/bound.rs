@@ -82,7 +82,7 @@ impl Arguments {
         let skin = skin::load(&self.design)?;
         let mut twin = TwinOptions::load(&self.twin)?;
         twin.electronics.snr_db = self.noise.or(twin.electronics.snr_db);
-        let progress = Progress::new("bounds", 2 * skin.pixels().len());
+        let progress = Progress::new("bounds", skin.pixels().len());
         let found = map_bounds(&skin, &twin, &self.options(), || progress.step())?;
         drop(progress);
         let [one, mean] = &found.bounds;

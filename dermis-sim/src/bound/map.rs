@@ -89,26 +89,15 @@ pub struct BoundMap {
 }
 
 impl BoundMap {
-    fn of(
-        bounds: &Bounds,
-        pixels: &PixelSpace,
-        separation_step: usize,
-        step: &(impl Fn() + Sync),
-    ) -> crate::Result<Self> {
-        let at = |pixel: usize| {
-            let place = place(bounds, pixels, pixel, separation_step);
-            step();
-            place
-        };
-        let places: Vec<PlaceBounds> = (0..pixels.len()).into_par_iter().map(at).collect::<crate::Result<_>>()?;
-        Ok(BoundMap {
-            frames: bounds.options.frames,
+    fn of(frames: usize, places: Vec<PlaceBounds>) -> Self {
+        BoundMap {
+            frames,
             sd_m: Spread::of(&places, |place| place.sd_m),
             force_sd_n: Spread::of(&places, |place| place.force_sd_n),
             smallest_force_n: Spread::of(&places, |place| place.smallest_force_n),
             separation_m: Spread::of(&places, |place| place.separation_m),
             places,
-        })
+        }
     }
 
     /// Writes a row for each place (CSV): its position, m, and its bounds, empty where it has none.
@@ -126,17 +115,36 @@ impl BoundMap {
     }
 }
 
-fn place(bounds: &Bounds, pixels: &PixelSpace, pixel: usize, separation_step: usize) -> crate::Result<PlaceBounds> {
+/// The bounds at a pixel for one frame and for the mean of several, which share all changes of the frame.
+fn place(
+    bounds: &[Bounds; 2],
+    pixels: &PixelSpace,
+    pixel: usize,
+    separation_step: usize,
+) -> crate::Result<[PlaceBounds; 2]> {
     let (position_m, normal) = (pixels.centres_m[pixel], pixels.normals[pixel]);
-    let position = bounds.position(position_m, normal)?;
-    let is_separated = bounds.has_chart() && separation_step > 0 && pixel.is_multiple_of(separation_step);
-    Ok(PlaceBounds {
-        position_m,
-        sd_m: position.map(|bound| bound.sd_m),
-        force_sd_n: position.map(|bound| bound.force_sd_n),
-        smallest_force_n: bounds.smallest_force_n(position_m, pixels.len())?,
-        separation_m: if is_separated { bounds.worst_separation_m(position_m)? } else { None },
-    })
+    let press = bounds[0].press(position_m);
+    let response = bounds[0].response(&press, normal)?;
+    let is_separated = bounds[0].has_chart() && separation_step > 0 && pixel.is_multiple_of(separation_step);
+    // What is enough for one frame is enough for the mean of several.
+    let mut enough_m = [None; 2];
+    let mut of = |bounds: &Bounds| -> crate::Result<PlaceBounds> {
+        let position = bounds.position_from(&press, &response);
+        let mut separation_m = None;
+        if is_separated {
+            let found = bounds.separations_m(position_m, enough_m)?;
+            separation_m = found[0].zip(found[1]).map(|(first, second)| first.max(second));
+            enough_m = found;
+        }
+        Ok(PlaceBounds {
+            position_m,
+            sd_m: position.map(|bound| bound.sd_m),
+            force_sd_n: position.map(|bound| bound.force_sd_n),
+            smallest_force_n: bounds.smallest_force_n(position_m, pixels.len())?,
+            separation_m,
+        })
+    };
+    Ok([of(&bounds[0])?, of(&bounds[1])?])
 }
 
 /// The bounds of a skin.
@@ -152,8 +160,8 @@ pub struct SkinBounds {
     pub bounds: [BoundMap; 2],
 }
 
-/// The bounds at every pixel of a skin, for one frame and for the mean of the frames of 0.1 s. `step` is called twice for
-/// each pixel, from several threads.
+/// The bounds at every pixel of a skin, for one frame and for the mean of the frames of 0.1 s. `step` is called for each
+/// pixel, from several threads.
 ///
 /// ```no_run
 /// use dermis::skin::Skin;
@@ -176,14 +184,23 @@ pub fn map_bounds(
     step: impl Fn() + Sync,
 ) -> crate::Result<SkinBounds> {
     let design = without_electrodes(skin.design(), &options.without_electrodes)?;
-    let bounds = Bounds::new(&design, twin, &BoundOptions { frames: 1, ..options.bound })?;
-    let map = |bounds: &Bounds| BoundMap::of(bounds, skin.pixels(), options.separation_step, &step);
-    let one = map(&bounds)?;
+    let one = Bounds::new(&design, twin, &BoundOptions { frames: 1, ..options.bound })?;
+    let long = ((LONG_S * twin.electronics.frame_rate_hz).round() as usize).max(1);
+    let averaged = one.averaged(long)?;
+    let bounds = [one, averaged];
+    let at = |pixel: usize| {
+        let places = place(&bounds, skin.pixels(), pixel, options.separation_step);
+        step();
+        places
+    };
+    let places: Vec<[PlaceBounds; 2]> =
+        (0..skin.pixels().len()).into_par_iter().map(at).collect::<crate::Result<_>>()?;
+    let map =
+        |which: usize| BoundMap::of(bounds[which].options.frames, places.iter().map(|both| both[which]).collect());
+    let (one, averaged) = (map(0), map(1));
     if one.sd_m.is_none() {
         return Err(BoundError::NoPlace { values: design.protocol.channel_count() }.into());
     }
-    let long = ((LONG_S * twin.electronics.frame_rate_hz).round() as usize).max(1);
-    let averaged = map(&bounds.averaged(long)?)?;
     let (design, twin) = (design.name, twin.name.clone());
     Ok(SkinBounds { design, twin, without_electrodes: options.without_electrodes.clone(), bounds: [one, averaged] })
 }

@@ -200,44 +200,51 @@ impl Bounds {
     /// # Errors
     /// A press that the twin cannot simulate.
     pub(crate) fn position_of(&self, press: &Press, normal: Point3) -> crate::Result<Option<PositionBound>> {
-        let precision = self.with_unknown_phase(&[*press], &self.clean(&[*press])?)?;
-        let columns = self.derivatives(&precision, press, normal)?;
+        Ok(self.position_from(press, &self.response(press, normal)?))
+    }
+
+    /// The changes of the frame around a press; they do not depend on the number of frames.
+    fn response(&self, press: &Press, normal: Point3) -> crate::Result<Response> {
+        let phases = self.phase_changes(&[*press], &self.clean(&[*press])?)?;
+        Ok(Response { phases, columns: self.derivatives(press, normal)? })
+    }
+
+    /// The bound of the position of a press from the changes of the frame around it.
+    fn position_from(&self, press: &Press, response: &Response) -> Option<PositionBound> {
+        let precision = self.precision.clone().with_disturbances(response.phases.clone());
+        let columns = response.columns.clone().map(|column| precision.whiten(column));
         let information = equations(&columns, &vec![0.0; columns[0].len()], 0.0);
-        let Ok(covariance) = information.factor().map(|factor| factor.inverse()) else { return Ok(None) };
+        let covariance = information.factor().ok()?.inverse();
         let at = |i: usize, j: usize| covariance.at(i, j);
         let sd_m = (at(0, 0) + at(1, 1)).sqrt();
         // Rounding may hide that the information is singular.
-        Ok((sd_m < self.physics.size_m).then(|| PositionBound {
+        (sd_m < self.physics.size_m).then(|| PositionBound {
             covariance_m2: [[at(0, 0), at(0, 1)], [at(1, 0), at(1, 1)]],
             sd_m,
             force_sd_n: press.force_n * at(2, 2).sqrt(),
-        }))
+        })
     }
 
     /// The precision of the frame of some presses, if the phase of the patches is unknown: the frame's change by one
     /// standard deviation of the phase is one more disturbance.
     fn with_unknown_phase(&self, presses: &[Press], frame: &Frame) -> crate::Result<Precision> {
-        if self.physics.shifted.is_empty() {
-            return Ok(self.precision.clone());
-        }
+        Ok(self.precision.clone().with_disturbances(self.phase_changes(presses, frame)?))
+    }
+
+    /// The change of the frame of some presses by one standard deviation of each phase of the patches that is unknown.
+    fn phase_changes(&self, presses: &[Press], frame: &Frame) -> crate::Result<Vec<Vec<f64>>> {
         let of_shift = |shift: &Shift| -> crate::Result<Vec<f64>> {
             let change = difference(&shift.twin.clean(presses)?, frame);
             Ok(change.into_iter().map(|value| shift.sd_m / STEP_M * value).collect())
         };
-        let phases = self.physics.shifted.iter().map(of_shift).collect::<crate::Result<_>>()?;
-        Ok(self.precision.clone().with_disturbances(phases))
+        self.physics.shifted.iter().map(of_shift).collect()
     }
 
     /// The change of the frame of a press along two tangents of the skin (per m), and by the logarithms of its force and
     /// of its tip radius.
-    fn derivatives(
-        &self,
-        precision: &Precision,
-        press: &Press,
-        normal: Point3,
-    ) -> crate::Result<[Vec<f64>; PARAMETERS]> {
+    fn derivatives(&self, press: &Press, normal: Point3) -> crate::Result<[Vec<f64>; PARAMETERS]> {
         let column = |[forward, back]: [Press; 2], step: f64| -> crate::Result<Vec<f64>> {
-            Ok(precision.whiten(quotient(&self.clean(&[forward])?, &self.clean(&[back])?, step)))
+            Ok(quotient(&self.clean(&[forward])?, &self.clean(&[back])?, step))
         };
         let [around, along, force, radius] = self.steps(press, normal);
         Ok([column(around, STEP_M)?, column(along, STEP_M)?, column(force, LOG_STEP)?, column(radius, LOG_STEP)?])
@@ -280,6 +287,14 @@ impl Bounds {
     fn press(&self, centre_m: Point3) -> Press {
         Press { centre_m, force_n: self.options.force_n, tip_radius_m: self.options.tip_radius_m }
     }
+}
+
+/// The changes of a frame around a press.
+struct Response {
+    /// By one standard deviation of each unknown phase of the patches.
+    phases: Vec<Vec<f64>>,
+    /// By each parameter.
+    columns: [Vec<f64>; PARAMETERS],
 }
 
 /// The equations of the parameters of a press from the whitened changes of a frame by each, what is left of the frame

@@ -23,7 +23,7 @@ const STEPS: Steps = Steps {
     most: 40,
     control: Control::Damping { first: 1e-3, down: 0.1, up: 10.0 },
     shortest: 1e-9,
-    least_decrease: 1e-3,
+    least_decrease: 1e-2,
 };
 
 impl Bounds {
@@ -46,8 +46,13 @@ impl Bounds {
     /// # Errors
     /// As [`told_apart`](Self::told_apart).
     pub fn separation_m(&self, place_m: Point3, direction_rad: f64) -> crate::Result<Option<f64>> {
+        self.separation_up_to(place_m, direction_rad, DISTANCES_M[1])
+    }
+
+    /// The same, `None` if it is above a distance.
+    fn separation_up_to(&self, place_m: Point3, direction_rad: f64, most_m: f64) -> crate::Result<Option<f64>> {
         let needed = needed_misfit();
-        let [mut low, mut high] = DISTANCES_M;
+        let [mut low, mut high] = [DISTANCES_M[0], most_m];
         let misfit = |distance_m: f64| self.misfit_of_one(&self.pair(place_m, distance_m, direction_rad), needed);
         while high > low && self.clean(&self.pair(place_m, high, direction_rad)).is_err() {
             high *= 0.8;
@@ -71,13 +76,16 @@ impl Bounds {
         Ok(Some(high))
     }
 
-    /// The larger of the smallest distances in two perpendicular directions; `None` if either has none.
+    /// The smallest distances in two perpendicular directions; `most_m` are distances that are enough, where they are known.
     ///
     /// # Errors
     /// As [`told_apart`](Self::told_apart).
-    pub fn worst_separation_m(&self, place_m: Point3) -> crate::Result<Option<f64>> {
-        let [first, second] = [0.0, FRAC_PI_2].map(|direction| self.separation_m(place_m, direction));
-        Ok(first?.zip(second?).map(|(first, second)| first.max(second)))
+    pub(super) fn separations_m(&self, place_m: Point3, most_m: [Option<f64>; 2]) -> crate::Result<[Option<f64>; 2]> {
+        let of = |axis: usize| {
+            let most_m = most_m[axis].unwrap_or(DISTANCES_M[1]);
+            self.separation_up_to(place_m, [0.0, FRAC_PI_2][axis], most_m)
+        };
+        Ok([of(0)?, of(1)?])
     }
 
     /// Two presses of the options' force at a distance, symmetric about a place.
