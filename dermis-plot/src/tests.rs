@@ -141,6 +141,26 @@ fn a_volume_shows_its_outside_and_cannot_be_unrolled() {
 }
 
 #[test]
+fn a_flat_body_from_a_file_is_drawn_from_above() {
+    let (mut design, mut mesh) = skin("skin16");
+    design.body = Body::Mesh { file: "flat.ply".into(), unit_m: 1.0 };
+    let axes = |mesh: &Mesh| {
+        let scene = Drawing::new(&design, mesh).electrodes();
+        assert_eq!(View::of(&scene, &design), View::Unrolled);
+        let svg = View::Unrolled.draw(&scene, &design).unwrap().to_svg();
+        ["x", "y", "z"].map(|axis| svg.contains(&format!(">{axis} (mm)</text>")))
+    };
+    mesh.nodes.iter_mut().for_each(|node| node[2] = -0.05);
+    assert_eq!(axes(&mesh), [true, true, false]);
+    mesh.nodes.iter_mut().for_each(|node| node.rotate_right(1));
+    assert_eq!(axes(&mesh), [false, true, true]);
+    mesh.nodes[0][0] += 0.01;
+    let scene = Drawing::new(&design, &mesh).electrodes();
+    assert_eq!(View::of(&scene, &design), View::Solid);
+    assert_eq!(View::Unrolled.draw(&scene, &design).unwrap_err(), PlotError::NoFlatLayout);
+}
+
+#[test]
 fn a_projected_body_has_no_holes() {
     // A box of two faces, above and below: seen along z both cover the same square.
     let corners = [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]];
