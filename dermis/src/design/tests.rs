@@ -281,7 +281,9 @@ fn electrodes_on_the_rim_of_a_disk_run_either_way_from_a_given_angle() {
     assert!(centres(disk, "count = 4\nfirst_corner = \"lower_left\"").unwrap_err().contains("write `first_theta_rad"));
     assert!(centres(disk, "first_theta_rad = 1").unwrap_err().contains("a rim needs `count`"));
     let cylinder = "[body.cylinder]\nlength_m = 0.3\ndiameter_m = 0.1";
-    assert!(centres(cylinder, "count = 8").unwrap_err().contains("need a disk or a rectangle, not a cylinder"));
+    assert!(
+        centres(cylinder, "count = 8").unwrap_err().contains("need a disk, a rectangle or a polygon, not a cylinder")
+    );
 }
 
 /// The centres, mm, of electrodes of a shape at positions, each with its number and its own keys.
@@ -368,7 +370,7 @@ fn a_polygon_has_electrodes_on_its_edge_and_inside() {
     assert!(error.contains("electrode 0: along_edge_m is 0.81: it must be between 0 and 0.8"), "{error}");
     assert!(wrong(polygon, disc, "theta_rad = 0").contains("a place on a polygon is `x_m` and `y_m`, or on the edge"));
     assert!(wrong(polygon, "arc.length_m = 0.01", places[0]).contains("a mesh file or a polygon cannot hold"));
-    let error = wrong(&polygon.replace("[0.1, 0.2], [0.1, 0.1]", "[0.1, 0.1], [0.1, 0.2]"), disc, places[0]);
+    let error = wrong(&polygon.replace("[0, 0.2], [0.1, 0.2]", "[0.1, 0.2], [0, 0.2]"), disc, places[0]);
     assert!(error.contains("test.toml:2: corners_m: the side between corners"), "{error}");
     let rim = |keys: &str| centres(polygon, keys);
     assert_eq!(rim("per_side = 1").unwrap().len(), 6);
