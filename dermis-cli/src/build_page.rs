@@ -106,7 +106,7 @@ fn contacts(skin: &Skin, check: &BuildCheck) -> Outcome<(Picture, String)> {
 }
 
 fn draw(skin: &Skin, scene: &dermis_plot::Scene, caption: &str) -> Outcome<(Picture, String)> {
-    let picture = View::of(skin.design()).draw(scene, skin.design());
+    let picture = View::of(scene, skin.design()).draw(scene, skin.design());
     Ok((picture?, caption.into()))
 }
 

@@ -106,8 +106,8 @@ impl FrameArguments {
     /// Reads the frames for a method and subtracts the baseline. Channels that are left out need no values and are 0. Frames
     /// that cannot be those of the skin are refused.
     pub fn read(&self, skin: &Skin, method: &MethodArguments) -> Outcome<Differences> {
-        let left_out = method.left_out();
         let protocol = &skin.design().protocol;
+        let left_out = &method.left_out(protocol)?[..];
         if self.baseline.as_deref().is_some_and(|path| path.as_os_str() == MODEL) {
             if self.paired {
                 return Err(Failure::given("the model is one untouched frame", Some("leave --paired out")));

@@ -1,6 +1,6 @@
 //! The reconstruction method of a command.
 
-use crate::channels::{Channels, LEAVE_OUT_HELP};
+use crate::channels::LeaveOutArguments;
 use crate::console::{Progress, warn};
 use crate::failure::{Failure, Outcome};
 use crate::frames::of_each;
@@ -13,6 +13,7 @@ use dermis::estimate::noise::ChannelNoise;
 use dermis::frame::{Differences, Frame, broken_channels, disconnected_electrodes, read_frames_without};
 use dermis::image::Image;
 use dermis::method::{Method, MethodOptions, Methods, is_path};
+use dermis::protocol::Protocol;
 use dermis::reconstruct::{Alpha, Difference, Reconstruct};
 use dermis::skin::Skin;
 use dermis::text::{counted, number_of, ranges};
@@ -53,8 +54,8 @@ pub struct MethodArguments {
     /// untouched frames.
     #[arg(long, value_name = "FILE|measured")]
     channel_noise: Option<PathBuf>,
-    #[arg(long, value_name = "CHANNELS|FILE", default_value = "", hide_default_value = true, help = LEAVE_OUT_HELP)]
-    leave_out: Channels,
+    #[command(flatten)]
+    leave_out: LeaveOutArguments,
 }
 
 /// Range of regularization parameters; those of real skins, scaled or absolute, are within 1e-15 and 1e15.
@@ -167,8 +168,8 @@ impl MethodArguments {
     }
 
     /// The channels that are left out.
-    pub fn left_out(&self) -> &[usize] {
-        self.leave_out.numbers()
+    pub fn left_out(&self, protocol: &Protocol) -> Outcome<Vec<usize>> {
+        self.leave_out.of(protocol)
     }
 
     /// The folder of a calibration, where the method is one.
@@ -207,7 +208,7 @@ impl MethodArguments {
                 Weighting::Normalised => Difference::Normalised,
                 Weighting::NormalisedEqual => Difference::NormalisedEven,
             },
-            excluded: self.left_out().to_vec(),
+            excluded: self.left_out(&skin.design().protocol)?,
             channel_sd: self.channel_sd(skin, differences)?,
             examples: if looks_at_data { differences.frames.clone() } else { Vec::new() },
             baseline: differences.baseline.clone(),
@@ -226,7 +227,8 @@ impl MethodArguments {
                 Ok(noise.sd_ohm().to_vec())
             }
             Some(path) => {
-                let rows = read_frames_without(path, &skin.design().protocol, self.left_out())?;
+                let protocol = &skin.design().protocol;
+                let rows = read_frames_without(path, protocol, &self.left_out(protocol)?)?;
                 match &rows[..] {
                     [Frame(values)] => Ok(values.clone()),
                     _ => Err(Failure::given(
@@ -258,7 +260,7 @@ impl MethodArguments {
     /// Position estimates of presses whose true positions are known in another coordinate frame: by several linear
     /// methods to select from, or by the requested network.
     pub fn press_estimates(&self, skin: &Skin, differences: &[Frame]) -> Outcome<PressEstimates> {
-        let left_out = self.left_out().to_vec();
+        let left_out = self.left_out(&skin.design().protocol)?;
         let options = AlignOptions { left_out, ..AlignOptions::new(skin.design().sheet.touch) };
         if self.name().is_empty() {
             return Ok(PressEstimates::new(skin.forward(), skin.pixels(), differences, &options)?);

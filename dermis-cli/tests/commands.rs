@@ -339,7 +339,7 @@ fn a_protocol_must_fit_the_electrodes_and_the_frames() {
         at.write("bad.toml", DISK.replace("pattern = \"adjacent_undriven\"", "pattern.table = \"channels.csv\""));
         at.refused("reconstruct bad.toml --frames frames.csv --baseline rest.csv -o a.csv")
     };
-    assert!(refused("0,0,1,2,8\n").contains("channel 0 names electrode 8"));
+    assert!(refused("0,0,1,2,8\n").contains("channels.csv, line 2: names electrode 8"));
     assert!(refused("0,3,3,1,2\n").contains("drives electrode 3 against itself"));
     assert!(refused("0,0,1,2,3\n").contains("too many values: 40, but frames of this protocol have 1"));
 }

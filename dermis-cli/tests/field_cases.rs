@@ -223,3 +223,30 @@ fn a_skin_that_drifts_is_calibrated_row_by_row() {
     println!("300 labels, 200 others: {:.2} mm, {:.1} % in the 95 % regions", 1e3 * mean_m, 100.0 * covered);
     assert!(mean_m < 3.1e-3 && (0.93..=0.97).contains(&covered), "{score}");
 }
+
+#[test]
+fn what_a_workshop_cannot_make_stops_its_files_alone() {
+    let Some(at) = Workplace::of_field_case("13-fabrication-blocks-forward") else { return };
+    at.good("forward n64.toml -o x.csv");
+    let (code, text) = said(&at, "fabricate n64.toml -o out");
+    let is_said = text.contains("nearly meet: 0.68 mm are left between them") && text.contains("n64.toml:30:");
+    assert!(code == Some(2) && is_said && !at.path("out").exists(), "{code:?}: {text}");
+}
+
+#[test]
+fn electrodes_of_an_edge_may_be_rounded() {
+    let Some(at) = Workplace::of_field_case("10-rim-position-rounding") else { return };
+    at.good("forward belt5.toml -o x.csv");
+}
+
+#[test]
+fn a_flat_body_from_a_file_is_drawn_from_above() {
+    let Some(at) = Workplace::of_field_case("17-planar-mesh-view") else { return };
+    for (view, name) in [("", "usual.svg"), ("--view unrolled", "unrolled.svg")] {
+        at.good(&format!("plot chest_d.toml {view} -o {name}"));
+    }
+    let read = |name: &str| std::fs::read_to_string(at.path(name)).unwrap();
+    assert_eq!(read("usual.svg"), read("unrolled.svg"));
+    let is_flat = [">x (mm)</text>", ">y (mm)</text>", ">31</text>"].map(|text| read("usual.svg").contains(text));
+    assert_eq!(is_flat, [true; 3]);
+}

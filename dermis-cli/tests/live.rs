@@ -184,8 +184,10 @@ fn arguments_that_cannot_be_name_themselves_and_the_fix() {
     wrong("--source replay:none.mcap", &["none.mcap"]);
     wrong("--record nowhere/a.mcap", &["nowhere/a.mcap", "there is no folder nowhere"]);
     wrong("--source replay:there.mcap", &["there.mcap", "no MCAP recording", "empty"]);
-    wrong("--source replay:there.mcap --state x.json", &["leave --state, --rate, --both-signs and --device-time out"]);
-    wrong("--source replay:there.mcap --both-signs", &["--both-signs and --device-time"]);
+    wrong("--source replay:there.mcap --state x.json", &["takes no --state", "leave them out"]);
+    wrong("--source replay:there.mcap --both-signs", &["takes no", "--both-signs"]);
+    wrong("--source replay:there.mcap --leave-out-electrode 2", &["takes no", "--leave-out-electrode"]);
+    wrong("--leave-out-electrode 8", &["--leave-out-electrode 8: the skin has electrodes 0 to 7"]);
     wrong("--source replay:there.mcap --device-time", &["--device-time"]);
 }
 

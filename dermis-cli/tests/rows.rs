@@ -107,6 +107,57 @@ fn rows_of_a_pipe_give_the_contacts_of_the_same_frames() {
     }
 }
 
+/// The loose wire of electrode 3 reads anything; without the electrode the press is found, live and from files.
+#[test]
+fn an_electrode_that_is_left_out_spoils_nothing() {
+    let at = Workplace::new();
+    let skin = Skin::load(at.path("disk.toml").to_str().unwrap()).unwrap();
+    let protocol = &skin.design().protocol;
+    let mut frames = frames(&skin);
+    for (number, frame) in frames.iter_mut().enumerate() {
+        let mut rng = sample_rng(6, number as u64);
+        for (value, _) in frame.0.iter_mut().zip(protocol.channels()).filter(|(_, channel)| channel.uses(3)) {
+            *value = 1e4 * standard_normal(&mut rng);
+        }
+    }
+    let lines: Vec<String> = frames.iter().map(row).collect();
+    let contacts = |arguments: &str| -> Vec<Vec<Value>> {
+        let output = piped(&at, &format!("--jsonl - {arguments}"), &lines);
+        assert!(output.status.success(), "{}", said(&output));
+        let text = String::from_utf8(output.stdout).unwrap();
+        let of = |line: &str| serde_json::from_str::<Value>(line).unwrap()["contacts"].as_array().unwrap().clone();
+        text.lines().map(of).collect()
+    };
+    let is_found = |contact: &Value| {
+        let [x, y] = [0, 1].map(|axis| contact["position_m"][axis].as_f64().unwrap());
+        (x - 0.02).hypot(y - 0.01) < 0.01
+    };
+    let count_found = |frames: &[Vec<Value>]| {
+        frames[120..165].iter().filter(|contacts| contacts.len() == 1 && is_found(&contacts[0])).count()
+    };
+    let without = contacts("--leave-out-electrode 3");
+    let counts = [&without, &contacts("")].map(|frames| count_found(frames));
+    assert!(counts[0] > 40 && counts[1] < 5, "{counts:?} of 45 frames");
+    assert!(without[TARE as usize..105].iter().all(Vec::is_empty));
+
+    let write =
+        |name: &str, lines: &[String]| at.write(name, lines.iter().map(|line| format!("{line}\n")).collect::<String>());
+    write("untouched.csv", &lines[..TARE as usize]);
+    write("frames.csv", &lines[120..160]);
+    let files = "contacts disk.toml --frames frames.csv --baseline untouched.csv -o contacts.jsonl";
+    assert!(at.run(&format!("{files} --leave-out-electrode 3")).status.success());
+    let text = std::fs::read_to_string(at.path("contacts.jsonl")).unwrap();
+    for line in text.lines() {
+        let line: Value = serde_json::from_str(line).unwrap();
+        assert!(
+            line["contacts"].as_array().is_some_and(|contacts| contacts.len() == 1 && is_found(&contacts[0])),
+            "{line}"
+        );
+    }
+    let refused = at.refused(&format!("{files} --leave-out-electrode 8"));
+    assert!(refused.contains("--leave-out-electrode 8: the skin has electrodes 0 to 7"), "{refused}");
+}
+
 /// The numbers of a text after `noise of the channels`, ohm.
 fn noise_in(text: &str) -> Vec<f64> {
     let (_, noise) = text.split_once("noise of the channels ").unwrap_or_else(|| panic!("no noise: {text}"));

@@ -5,12 +5,13 @@ use crate::scene::{Dot, Key, LABEL_SIZE, Label, LabelPosition, Mark, Scene, Stro
 use dermis::contact::Contact;
 use dermis::design::SkinDesign;
 use dermis::geom::polygon::clip_half_plane;
-use dermis::geom::vector::{add, centroid, cross, dot, normalize, sub};
-use dermis::geom::{Chart, Point2, Point3, Shape, Surface};
+use dermis::geom::vector::{add, centroid, cross, dot, normalize, scale, sub};
+use dermis::geom::{Chart, Point2, Point3, Shape, Surface, TriangleTree};
 use dermis::image::PixelSpace;
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use std::collections::HashMap;
 use std::f64::consts::TAU;
+use std::sync::OnceLock;
 
 /// Largest angle of a flat tile on a round body; its centre is then 0.1 % of the radius below the surface.
 const TILE_ANGLE_RAD: f64 = TAU / 72.0;
@@ -28,6 +29,8 @@ pub struct Drawing<'a> {
     /// The visible faces of the mesh: triangles with outward orientation, and the cell of each.
     faces: Vec<([usize; 3], usize)>,
     node_normals: Vec<Point3>,
+    /// The faces of a body from a mesh file, for the ones nearest to marks.
+    tree: OnceLock<TriangleTree>,
 }
 
 impl<'a> Drawing<'a> {
@@ -42,7 +45,8 @@ impl<'a> Drawing<'a> {
                 normals[node] = add(normals[node], weighted);
             }
         }
-        Drawing { design, mesh, faces, node_normals: normals.into_iter().map(normalize).collect() }
+        let node_normals = normals.into_iter().map(normalize).collect();
+        Drawing { design, mesh, faces, node_normals, tree: OnceLock::new() }
     }
 
     fn surface(&self) -> Surface {
@@ -51,6 +55,34 @@ impl<'a> Drawing<'a> {
 
     fn normal_at(&self, node: usize) -> Point3 {
         self.surface().normal(self.mesh.nodes[node]).unwrap_or(self.node_normals[node])
+    }
+
+    fn corners_of(&self, face: usize) -> [Point3; 3] {
+        self.faces[face].0.map(|node| self.mesh.nodes[node])
+    }
+
+    /// A position on the skin and the outward normal there. Positions on a body from a mesh file are given without a normal,
+    /// and may lie beside it: the nearest face has them.
+    pub(crate) fn on_skin(&self, at: Point3, normal: Point3) -> (Point3, Point3) {
+        if self.design.body.chart().is_some() {
+            return (at, normal);
+        }
+        let all = || TriangleTree::new((0..self.faces.len()).map(|face| self.corners_of(face)));
+        let nearest = self.tree.get_or_init(all).nearest(at);
+        (nearest.point, normal_of(&self.corners_of(nearest.triangle)))
+    }
+
+    /// A line along the skin. On a body from a mesh file it follows the surface in pieces, which would hide a straight one.
+    pub(crate) fn line(&self, ends: [Point3; 2], normal: Point3, colour: Colour, width: f64) -> Vec<Stroke> {
+        const PIECES: usize = 12;
+        if self.design.body.chart().is_some() {
+            return vec![Stroke { ends, normal, colour, width }];
+        }
+        let along = |piece: usize| add(ends[0], scale(sub(ends[1], ends[0]), piece as f64 / PIECES as f64));
+        let points: Vec<(Point3, Point3)> = (0..=PIECES).map(|piece| self.on_skin(along(piece), normal)).collect();
+        let stroke =
+            |pair: &[(Point3, Point3)]| Stroke { ends: [pair[0].0, pair[1].0], normal: pair[0].1, colour, width };
+        points.windows(2).map(stroke).collect()
     }
 
     /// The mesh: its cells with their edges, and its electrodes.
@@ -77,15 +109,12 @@ impl<'a> Drawing<'a> {
 
     /// Adds marks of detected contacts to any scene; several contacts are numbered from 0 in order.
     pub fn add_contacts(&self, scene: &mut Scene, contacts: &[Contact]) {
-        add_marks(scene, contacts, 7.0, Mark::Cross(BLACK), "detected contact");
+        self.add_marks(scene, contacts, 7.0, Mark::Cross(BLACK), "detected contact");
         if contacts.len() > 1 {
-            let label = |(number, contact): (usize, &Contact)| Label {
-                at: contact.position_m,
-                normal: contact.normal,
-                text: format!("#{number}"),
-                reach_m: 0.0,
-                position: LabelPosition::Above { pixels: 8.0 },
-                size: NAME_SIZE,
+            let label = |(number, contact): (usize, &Contact)| {
+                let (at, normal) = self.on_skin(contact.position_m, contact.normal);
+                let position = LabelPosition::Above { pixels: 8.0 };
+                Label { at, normal, text: format!("#{number}"), reach_m: 0.0, position, size: NAME_SIZE }
             };
             scene.labels.extend(contacts.iter().enumerate().map(label));
         }
@@ -93,14 +122,14 @@ impl<'a> Drawing<'a> {
 
     /// Adds marks of true touches to any scene.
     pub fn add_touches(&self, scene: &mut Scene, touches: &[Contact]) {
-        add_marks(scene, touches, 3.4, Mark::OutlinedDisc(BLACK), "true position");
+        self.add_marks(scene, touches, 3.4, Mark::OutlinedDisc(BLACK), "true position");
     }
 
     /// Adds named marks to any scene.
     pub fn add_named_marks(&self, scene: &mut Scene, marks: impl Iterator<Item = (Point3, String)>, meaning: &str) {
         let mark = Mark::Cross(BLACK);
         for (at, text) in marks {
-            let normal = self.surface().normal(at).unwrap_or([0.0, 0.0, 1.0]);
+            let (at, normal) = self.on_skin(at, self.surface().normal(at).unwrap_or([0.0, 0.0, 1.0]));
             scene.dots.push(Dot { at, normal, radius: 7.0, mark });
             scene.labels.push(Label {
                 at,
@@ -123,22 +152,16 @@ impl<'a> Drawing<'a> {
         let radius = if crowded { 1.7 } else { 3.0 };
         for (truth, estimate) in touches {
             if let Some(estimate) = estimate {
-                scene.strokes.push(Stroke {
-                    ends: [truth.position_m, estimate.position_m],
-                    normal: truth.normal,
-                    colour: mix(ESTIMATE, [255, 255, 255], 0.35),
-                    width: 1.0,
-                });
+                let colour = mix(ESTIMATE, [255, 255, 255], 0.35);
+                scene.strokes.extend(self.line([truth.position_m, estimate.position_m], truth.normal, colour, 1.0));
             }
         }
         for (truth, estimate) in touches {
-            let mark = Mark::Disc(BLACK, false);
-            scene.dots.push(Dot { at: truth.position_m, normal: truth.normal, radius, mark });
-            scene.dots.extend(estimate.iter().map(|estimate| estimate_dot(estimate, radius + 1.3)));
+            scene.dots.push(self.dot(truth, radius, Mark::Disc(BLACK, false)));
+            scene.dots.extend(estimate.iter().map(|estimate| self.dot(estimate, radius + 1.3, Mark::Ring(ESTIMATE))));
         }
         let mark = Mark::Diamond(FALSE_POSITIVE);
-        let dot = |found: &Contact| Dot { at: found.position_m, normal: found.normal, radius: radius + 2.5, mark };
-        scene.dots.extend(false_positives.iter().map(dot));
+        scene.dots.extend(false_positives.iter().map(|found| self.dot(found, radius + 2.5, mark)));
         scene.legend.push((Mark::Disc(BLACK, false), "true position".to_string()));
         scene.legend.push((Mark::Ring(ESTIMATE), "estimate".to_string()));
         scene.legend.push((Mark::Line(mix(ESTIMATE, [255, 255, 255], 0.35)), "error".to_string()));
@@ -146,6 +169,19 @@ impl<'a> Drawing<'a> {
             scene.legend.push((mark, "false positive (nothing touched there)".to_string()));
         }
         scene
+    }
+
+    /// The mark of a contact or a touch.
+    pub(crate) fn dot(&self, place: &Contact, radius: f64, mark: Mark) -> Dot {
+        let (at, normal) = self.on_skin(place.position_m, place.normal);
+        Dot { at, normal, radius, mark }
+    }
+
+    fn add_marks(&self, scene: &mut Scene, places: &[Contact], radius: f64, mark: Mark, name: &str) {
+        scene.dots.extend(places.iter().map(|place| self.dot(place, radius, mark)));
+        if !places.is_empty() {
+            scene.legend.push((mark, name.to_string()));
+        }
     }
 
     fn cell_tiles(&self, colour: impl Fn(usize) -> Colour, edge: Option<Colour>) -> Vec<Tile> {
@@ -291,18 +327,6 @@ pub(crate) enum ElectrodeLook {
     Filled { numbered: bool },
     /// An outline, so that the data below remain visible.
     Outlined { numbered: bool },
-}
-
-fn add_marks(scene: &mut Scene, places: &[Contact], radius: f64, mark: Mark, name: &str) {
-    let dot = |place: &Contact| Dot { at: place.position_m, normal: place.normal, radius, mark };
-    scene.dots.extend(places.iter().map(dot));
-    if !places.is_empty() {
-        scene.legend.push((mark, name.to_string()));
-    }
-}
-
-fn estimate_dot(estimate: &Contact, radius: f64) -> Dot {
-    Dot { at: estimate.position_m, normal: estimate.normal, radius, mark: Mark::Ring(ESTIMATE) }
 }
 
 /// The ends of one of some equal parts of an interval.

@@ -6,8 +6,8 @@ use thiserror::Error;
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum PlotError {
-    /// A body that is known only by its mesh has no flat layout.
-    #[error("a body that is known only by its mesh cannot be unrolled")]
+    /// A body from a mesh file has no flat layout, unless it is flat.
+    #[error("a body from a mesh file cannot be unrolled, unless it lies in a plane across one of the axes")]
     NoFlatLayout,
     /// A PNG file that cannot be created: the picture is too large, or it is not valid SVG, which is an internal fault.
     #[cfg(feature = "png")]

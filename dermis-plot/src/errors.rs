@@ -41,11 +41,11 @@ impl Drawing<'_> {
         let errors_mm = || presses.iter().filter_map(|press| press.estimate).map(|(_, error_m)| 1e3 * error_m);
         let scale = Scale::sequential([0.0, Summary::of(&errors_mm().collect::<Vec<_>>()).p95]);
         let radius = if presses.len() > CROWDED { 2.2 } else { 3.6 };
-        scene.strokes.extend(presses.iter().filter_map(|press| line(press, &scale)));
+        scene.strokes.extend(presses.iter().flat_map(|press| self.error_line(press, &scale)));
         // Large errors are drawn last, on top of the others.
         let mut order: Vec<&PressError> = presses.iter().collect();
         order.sort_by(|a, b| error_m(a).total_cmp(&error_m(b)));
-        scene.dots.extend(order.into_iter().map(|press| dot(press, &scale, radius)));
+        scene.dots.extend(order.into_iter().map(|press| self.error_dot(press, &scale, radius)));
         scene
             .legend
             .push((Mark::Disc(scale.colour(0.6 * scale.high), true), "true position, coloured by the error".into()));
@@ -56,6 +56,18 @@ impl Drawing<'_> {
         scene.key = Some(Key { scale, label: "error (mm)".into() });
         scene
     }
+
+    fn error_line(&self, press: &PressError, scale: &Scale) -> Vec<Stroke> {
+        let Some((estimate_m, error_m)) = press.estimate else { return Vec::new() };
+        self.line([press.truth.position_m, estimate_m], press.truth.normal, scale.colour(1e3 * error_m), 1.4)
+    }
+
+    fn error_dot(&self, press: &PressError, scale: &Scale, radius: f64) -> Dot {
+        match press.estimate {
+            Some((_, error_m)) => self.dot(&press.truth, radius, Mark::Disc(scale.colour(1e3 * error_m), true)),
+            None => self.dot(&press.truth, radius + 1.5, MISSED),
+        }
+    }
 }
 
 /// The mark of a press without an estimate.
@@ -63,18 +75,4 @@ const MISSED: Mark = Mark::Cross(BLACK);
 
 fn error_m(press: &PressError) -> f64 {
     press.estimate.map_or(f64::INFINITY, |(_, error_m)| error_m)
-}
-
-fn line(press: &PressError, scale: &Scale) -> Option<Stroke> {
-    let (estimate_m, error_m) = press.estimate?;
-    let ends = [press.truth.position_m, estimate_m];
-    Some(Stroke { ends, normal: press.truth.normal, colour: scale.colour(1e3 * error_m), width: 1.4 })
-}
-
-fn dot(press: &PressError, scale: &Scale, radius: f64) -> Dot {
-    let (at, normal) = (press.truth.position_m, press.truth.normal);
-    match press.estimate {
-        Some((_, error_m)) => Dot { at, normal, radius, mark: Mark::Disc(scale.colour(1e3 * error_m), true) },
-        None => Dot { at, normal, radius: radius + 1.5, mark: MISSED },
-    }
 }

@@ -62,15 +62,15 @@ pub enum View {
 }
 
 impl View {
-    /// The usual view of a design: unrolled, where its body has a flat layout.
-    pub fn of(design: &SkinDesign) -> Self {
-        if matches!(design.body, Body::Mesh { .. }) { View::Solid } else { View::Unrolled }
+    /// The usual view of a scene: unrolled, where the body of its design has a flat layout or is flat.
+    pub fn of(scene: &Scene, design: &SkinDesign) -> Self {
+        if matches!(design.body, Body::Mesh { .. }) && !scene.is_flat() { View::Solid } else { View::Unrolled }
     }
 
     /// Draws the scene.
     ///
     /// # Errors
-    /// A flat layout of a body that is defined by its mesh only.
+    /// A flat layout of a body from a mesh file that is not flat.
     pub fn draw(&self, scene: &Scene, design: &SkinDesign) -> Result<Picture, PlotError> {
         match self {
             View::Unrolled => unrolled::draw(scene, design),
@@ -104,7 +104,7 @@ pub fn skin_map(
     subtitle: impl Into<String>,
 ) -> Result<Picture, PlotError> {
     let scene = Drawing::new(skin.design(), skin.mesh()).field(skin.pixels(), values, key).titled(title, subtitle);
-    View::of(skin.design()).draw(&scene, skin.design())
+    View::of(&scene, skin.design()).draw(&scene, skin.design())
 }
 
 #[cfg(test)]

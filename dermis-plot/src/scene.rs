@@ -3,7 +3,7 @@
 use crate::colour::{Colour, Scale};
 use crate::svg::text_width;
 use dermis::geom::Point3;
-use dermis::geom::vector::{cross, normalize, sub};
+use dermis::geom::vector::{bounding_box, cross, normalize, sub};
 
 /// A flat polygon of the skin. Corners are counter-clockwise as seen from outside.
 #[derive(Debug, Clone)]
@@ -132,7 +132,19 @@ pub struct Scene {
     pub(crate) legend: Vec<(Mark, String)>,
 }
 
+/// Depth of a flat scene across an axis, relative to its size: files of meshes have six or seven digits.
+const FLAT: f64 = 1e-6;
+
 impl Scene {
+    /// Whether its tiles lie in a plane across one of the axes.
+    pub(crate) fn is_flat(&self) -> bool {
+        let [low_m, high_m] = bounding_box(self.tiles.iter().flat_map(|tile| &tile.corners).copied());
+        let sizes_m = sub(high_m, low_m);
+        let [least_m, most_m] =
+            [f64::min, f64::max].map(|of: fn(f64, f64) -> f64| sizes_m.into_iter().fold(sizes_m[0], of));
+        least_m <= FLAT * most_m
+    }
+
     /// The same scene with a title and a second, smaller line; either may be empty.
     #[must_use]
     pub fn titled(self, title: impl Into<String>, subtitle: impl Into<String>) -> Self {

@@ -141,6 +141,48 @@ fn a_volume_shows_its_outside_and_cannot_be_unrolled() {
 }
 
 #[test]
+fn a_flat_body_from_a_file_is_drawn_from_above() {
+    let (mut design, mut mesh) = skin("skin16");
+    design.body = Body::Mesh { file: "flat.ply".into(), unit_m: 1.0 };
+    let axes = |mesh: &Mesh| {
+        let scene = Drawing::new(&design, mesh).electrodes();
+        assert_eq!(View::of(&scene, &design), View::Unrolled);
+        let svg = View::Unrolled.draw(&scene, &design).unwrap().to_svg();
+        ["x", "y", "z"].map(|axis| svg.contains(&format!(">{axis} (mm)</text>")))
+    };
+    mesh.nodes.iter_mut().for_each(|node| node[2] = -0.05);
+    assert_eq!(axes(&mesh), [true, true, false]);
+    mesh.nodes.iter_mut().for_each(|node| node.rotate_right(1));
+    assert_eq!(axes(&mesh), [false, true, true]);
+    mesh.nodes[0][0] += 0.01;
+    let scene = Drawing::new(&design, &mesh).electrodes();
+    assert_eq!(View::of(&scene, &design), View::Solid);
+    assert_eq!(View::Unrolled.draw(&scene, &design).unwrap_err(), PlotError::NoFlatLayout);
+}
+
+#[test]
+fn touches_and_errors_are_seen_on_a_body_from_a_file() {
+    let (mut design, mesh) = skin("cylinder30");
+    design.body = Body::Mesh { file: "tube.ply".into(), unit_m: 1.0 };
+    let drawing = Drawing::new(&design, &mesh);
+    // 1 mm below the surface, without a normal, and an estimate 30 mm away: the straight line between them is inside.
+    let at = |theta: f64| [0.049 * theta.cos(), 0.049 * theta.sin(), 0.15];
+    let contacts = [0.3, 0.9].map(|theta| Contact::truth(at(theta), [0.0; 3], 1.0));
+    let scene = drawing.localisation(&[(contacts[0], Some(contacts[1]))], &[]);
+    for (place, normal) in scene.dots.iter().map(|dot| (dot.at, dot.normal)) {
+        assert!((place[0].hypot(place[1]) - 0.05).abs() < 3e-4, "{place:?}");
+        assert!(dot([place[0], place[1], 0.0], normal) > 0.049, "{normal:?}");
+    }
+    let solid = |scene: &Scene| View::Solid.draw(scene, &design).unwrap().to_svg();
+    let bare = Scene { strokes: Vec::new(), dots: Vec::new(), ..scene.clone() };
+    assert!(scene.dots.len() == 2 && scene.strokes.len() > drawing.electrodes().strokes.len());
+    assert!(solid(&scene).matches("<circle").count() > solid(&bare).matches("<circle").count());
+    let mut image = drawing.electrodes();
+    drawing.add_touches(&mut image, &contacts);
+    assert!(image.dots.iter().all(|dot| dot.normal != [0.0; 3]));
+}
+
+#[test]
 fn a_projected_body_has_no_holes() {
     // A box of two faces, above and below: seen along z both cover the same square.
     let corners = [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]];

@@ -1,4 +1,5 @@
-//! The skin unrolled: a cylinder cut open at theta = 0, a flat skin unchanged. A body of another shape is projected.
+//! The skin unrolled: a cylinder cut open at theta = 0, a flat skin unchanged, from above. A body of another shape is
+//! projected.
 
 use crate::colour::{FAINT, INK};
 use crate::frame::{self, Axis};
@@ -28,8 +29,10 @@ struct Layout {
 }
 
 impl Layout {
-    fn of(body: &Body) -> Option<Self> {
-        body.chart().map(|chart| Layout { chart, bounds_m: chart.bounds_m(), axes: [0, 1] })
+    /// The layout of a body, or of a scene that is flat itself.
+    fn of(body: &Body, scene: &Scene) -> Option<Self> {
+        let of_chart = body.chart().map(|chart| Layout { chart, bounds_m: chart.bounds_m(), axes: [0, 1] });
+        of_chart.or_else(|| scene.is_flat().then(|| Layout::projected(&scene.tiles)))
     }
 
     /// The projection on the two axes along which some tiles extend most.
@@ -176,15 +179,15 @@ fn doubled_area(places: &[Place]) -> f64 {
 /// The scene as an unrolled picture.
 ///
 /// # Errors
-/// A body that is defined by its mesh only has no flat layout.
+/// A body from a mesh file that is not flat has no flat layout.
 pub(crate) fn draw(scene: &Scene, design: &SkinDesign) -> Result<Picture, PlotError> {
-    let layout = Layout::of(&design.body).ok_or(PlotError::NoFlatLayout)?;
+    let layout = Layout::of(&design.body, scene).ok_or(PlotError::NoFlatLayout)?;
     Ok(draw_layout(scene, design, layout))
 }
 
 /// The same; a body without a flat layout is projected on its two longest axes.
 pub(crate) fn draw_flat(scene: &Scene, design: &SkinDesign) -> Picture {
-    let layout = Layout::of(&design.body).unwrap_or_else(|| Layout::projected(&scene.tiles));
+    let layout = Layout::of(&design.body, scene).unwrap_or_else(|| Layout::projected(&scene.tiles));
     draw_layout(scene, design, layout)
 }
 

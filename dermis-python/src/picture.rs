@@ -36,7 +36,7 @@ pub fn of_image(skin: &Skin, image: &Image, quantity: Quantity, contacts: &[Cont
 }
 
 fn draw(skin: &Skin, scene: &Scene) -> Outcome<String> {
-    Ok(View::of(skin.design()).draw(scene, skin.design())?.to_svg())
+    Ok(View::of(scene, skin.design()).draw(scene, skin.design())?.to_svg())
 }
 
 impl From<PlotError> for Failure {

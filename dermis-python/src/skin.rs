@@ -23,7 +23,7 @@ use numpy::PyArray1;
 use numpy::prelude::*;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyDict, PyString};
+use pyo3::types::{IntoPyDict, PyDict, PyString};
 use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -88,9 +88,12 @@ fn twin_name<'py>(py: Python<'py>, name: Option<&Bound<'py, PyAny>>) -> Bound<'p
     name.cloned().unwrap_or_else(|| PyString::new(py, "lab").into_any())
 }
 
-/// The text of a TOML file that was given as a dict, through JSON.
+/// The text of a TOML file that was given as a dict, through JSON; arrays are lists.
 fn toml_text(keys: &Bound<'_, PyDict>) -> Outcome<String> {
-    let json: String = keys.py().import("json")?.call_method1("dumps", (keys,))?.extract()?;
+    let py = keys.py();
+    let list_of_array = py.import("operator")?.call_method1("methodcaller", ("tolist",))?;
+    let options = [("default", list_of_array)].into_py_dict(py)?;
+    let json: String = py.import("json")?.call_method("dumps", (keys,), Some(&options))?.extract()?;
     let value: toml::Value = serde_json::from_str(&json).map_err(Failure::given)?;
     toml::to_string(&value).map_err(Failure::given)
 }

@@ -24,6 +24,20 @@ def test_arrays_have_the_documented_shapes(skin):
     assert skin.jacobian().shape == (channels, len(skin.pixels))
 
 
+def test_a_design_takes_arrays():
+    design = {
+        "body": {"disk": {"diameter_m": 0.1}},
+        "sheet": {"sheet_resistance_ohm": 1000.0, "touch": "conductance_rises"},
+        "electrodes": {"shape": "point", "layout": {"positions": [{"theta_rad": theta} for theta in np.arange(8) * np.pi / 4]}},
+        "protocol": {"first_electrode": 1, "pattern": {"channels": np.array([[1, 2, 4, 5], [8, 1, 3, 6]])}},
+        "mesh": {"max_edge_m": 0.02, "electrode_edge_m": np.float64(0.01)},
+    }
+    np.testing.assert_array_equal(dermis.Skin.load(design).channels, [[0, 1, 3, 4], [7, 0, 2, 5]])
+    design["protocol"]["first_electrode"] = 0
+    with pytest.raises(dermis.DermisError, match="row 1 of `channels` names electrode 8.*first_electrode = 1"):
+        dermis.Skin.load(design)
+
+
 def test_array_likes_are_converted(skin):
     rest = skin.rest_conductivity
     expected = skin.forward(rest)

@@ -4,8 +4,8 @@ mod scan;
 mod table;
 
 pub use scan::{MultiplexerInput, ScanSlot};
-pub(crate) use table::CHANNEL_COLUMNS;
 pub use table::SCAN_COLUMNS;
+pub(crate) use table::{CHANNEL_COLUMNS, numbered};
 
 use crate::files::sha256;
 use crate::stats::rms;
@@ -81,6 +81,14 @@ pub enum ProtocolError {
         /// Number of electrodes of the skin.
         electrode_count: usize,
     },
+    /// A distance that pairs an electrode with itself.
+    #[error("distance {distance} pairs every electrode with itself on a skin of {electrode_count} electrodes")]
+    BadDistance {
+        /// Electrodes from the first to the second of a pair.
+        distance: usize,
+        /// Number of electrodes of the skin.
+        electrode_count: usize,
+    },
     /// Opposite drive needs an even number of electrodes.
     #[error("opposite drive needs an even number of electrodes, not {electrode_count}")]
     OddOpposite {
@@ -100,6 +108,25 @@ pub enum ProtocolError {
         /// What is wrong, and the fix.
         message: String,
     },
+}
+
+/// Which measure pairs with a driven electrode a protocol has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Driven {
+    /// None.
+    LeftOut,
+    /// All but the drive pair itself.
+    NotItsPair,
+}
+
+impl Driven {
+    /// Most electrodes that a measure pair shares with its drive.
+    fn most_shared(self) -> usize {
+        match self {
+            Driven::LeftOut => 0,
+            Driven::NotItsPair => 1,
+        }
+    }
 }
 
 /// The order of a frame's values, and the drive and measure electrodes of each.
@@ -150,7 +177,7 @@ impl Protocol {
     /// # Errors
     /// Fewer than four electrodes.
     pub fn adjacent(electrode_count: usize) -> Result<Self, ProtocolError> {
-        Self::cyclic(electrode_count, 1, |drive, measure| drive != measure)
+        Self::cyclic(electrode_count, [1, 1], Driven::NotItsPair)
     }
 
     /// Adjacent drive, adjacent measure, without pairs that contain a driven electrode: `L (L - 3)` values.
@@ -158,7 +185,7 @@ impl Protocol {
     /// # Errors
     /// Fewer than four electrodes.
     pub fn adjacent_undriven(electrode_count: usize) -> Result<Self, ProtocolError> {
-        Self::cyclic(electrode_count, 1, |drive, measure| drive.iter().all(|e| !measure.contains(e)))
+        Self::cyclic(electrode_count, [1, 1], Driven::LeftOut)
     }
 
     /// Drive `d` to `d + 1 + skip`, adjacent measure, without pairs that contain a driven electrode.
@@ -169,7 +196,28 @@ impl Protocol {
         if electrode_count > 0 && (skip + 1).is_multiple_of(electrode_count) {
             return Err(ProtocolError::BadSkip { skip, electrode_count });
         }
-        Self::cyclic(electrode_count, skip + 1, |drive, measure| drive.iter().all(|e| !measure.contains(e)))
+        Self::cyclic(electrode_count, [skip + 1, 1], Driven::LeftOut)
+    }
+
+    /// Drive `d` to `d + distances[0]`, measure `m` to `m + distances[1]`; `driven` says which measure pairs with a driven
+    /// electrode there are.
+    ///
+    /// ```
+    /// use dermis::protocol::{Driven, Protocol};
+    ///
+    /// let protocol = Protocol::distances(16, [5, 1], Driven::LeftOut)?;
+    /// assert_eq!((protocol.channels()[0].drive, protocol.channel_count()), ([0, 5], 16 * 12));
+    /// # Ok::<(), dermis::protocol::ProtocolError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// Fewer than four electrodes; a distance that pairs an electrode with itself.
+    pub fn distances(electrode_count: usize, distances: [usize; 2], driven: Driven) -> Result<Self, ProtocolError> {
+        let is_bad = |distance: &usize| electrode_count > 0 && distance.is_multiple_of(electrode_count);
+        match distances.into_iter().find(is_bad) {
+            Some(distance) => Err(ProtocolError::BadDistance { distance, electrode_count }),
+            None => Self::cyclic(electrode_count, distances, driven),
+        }
     }
 
     /// Drive `d` to `d + L/2`, adjacent measure, without pairs that contain a driven electrode.
@@ -180,18 +228,21 @@ impl Protocol {
         if electrode_count % 2 == 1 {
             return Err(ProtocolError::OddOpposite { electrode_count });
         }
-        Self::cyclic(electrode_count, electrode_count / 2, |drive, measure| drive.iter().all(|e| !measure.contains(e)))
+        Self::cyclic(electrode_count, [electrode_count / 2, 1], Driven::LeftOut)
     }
 
-    /// Drives `d -> d + step` and adjacent measures, drive-major, measure ascending, if `keep` returns true.
-    fn cyclic(electrode_count: usize, step: usize, keep: impl Fn(Pair, Pair) -> bool) -> Result<Self, ProtocolError> {
+    /// Drives `d -> d + distances[0]` and measures `m -> m + distances[1]`, drive-major, measure ascending.
+    fn cyclic(electrode_count: usize, distances: [usize; 2], driven: Driven) -> Result<Self, ProtocolError> {
         let count = electrode_count;
+        // Smaller numbers than the count, so that no sum overflows.
+        let pair = |from: usize, distance: usize| [from, (from + distance % count) % count];
         let mut channels = Vec::new();
         for d in 0..count {
-            let drive = [d, (d + step) % count];
+            let drive = pair(d, distances[0]);
             for m in 0..count {
-                let measure = [m, (m + 1) % count];
-                if keep(drive, measure) {
+                let measure = pair(m, distances[1]);
+                let shared = measure.iter().filter(|electrode| drive.contains(electrode)).count();
+                if shared <= driven.most_shared() {
                     channels.push(Channel { drive, measure });
                 }
             }
@@ -319,6 +370,25 @@ mod tests {
         assert!(!protocol.channels().iter().any(|channel| channel.uses(7)));
         let all: Vec<usize> = (0..30).step_by(2).collect();
         assert_eq!(Protocol::adjacent(30).unwrap().without_electrodes(&all), Err(ProtocolError::Empty));
+    }
+
+    #[test]
+    fn distances_are_those_between_the_electrodes_of_a_pair() {
+        let protocol = Protocol::distances(16, [5, 3], Driven::LeftOut).unwrap();
+        assert!(protocol.channels().iter().all(|channel| {
+            let [drive, measure] = [channel.drive, channel.measure].map(|[from, to]| (to + 16 - from) % 16);
+            (drive, measure) == (5, 3) && !channel.touches_driven()
+        }));
+        // Two of the measures start at a driven electrode, and two end at one.
+        assert_eq!(protocol.channel_count(), 16 * 12);
+        let all = Protocol::distances(16, [5, 5], Driven::NotItsPair).unwrap();
+        assert_eq!(all.channel_count(), 16 * 15);
+        assert_eq!(Protocol::distances(16, [1, 1], Driven::NotItsPair), Protocol::adjacent(16));
+        assert_eq!(Protocol::distances(16, [3, 1], Driven::LeftOut), Protocol::skip(16, 2));
+        for distances in [[0, 1], [1, 32]] {
+            let error = Protocol::distances(16, distances, Driven::LeftOut).unwrap_err();
+            assert!(matches!(error, ProtocolError::BadDistance { .. }), "{error}");
+        }
     }
 
     #[test]

@@ -29,7 +29,7 @@ impl Arguments {
     /// Writes the folder.
     pub fn run(self) -> Outcome {
         check_free(&self.output, self.force)?;
-        let fabrication = Fabrication::new(&SkinDesign::load(&self.design)?)?;
+        let fabrication = Fabrication::new(&SkinDesign::load_for_fabrication(&self.design)?)?;
         let mut files = Vec::new();
         {
             let progress = Progress::new("making the parts", PARTS.len());

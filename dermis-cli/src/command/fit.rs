@@ -1,6 +1,6 @@
 //! `dermis fit`: a design fitted to frames of the untouched skin.
 
-use crate::channels::{Channels, LEAVE_OUT_HELP};
+use crate::channels::LeaveOutArguments;
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::Outcome;
 use crate::frames::{CURRENTS_HELP, divided};
@@ -27,8 +27,8 @@ pub struct Arguments {
     frames: PathBuf,
     #[arg(long, value_name = "FILE", help = CURRENTS_HELP)]
     currents: Option<PathBuf>,
-    #[arg(long, value_name = "CHANNELS|FILE", default_value = "", hide_default_value = true, help = LEAVE_OUT_HELP)]
-    leave_out: Channels,
+    #[command(flatten)]
+    leave_out: LeaveOutArguments,
     /// Contact impedances to fit.
     #[arg(long, value_enum, default_value_t = ContactsChoice::Common)]
     contacts: ContactsChoice,
@@ -81,10 +81,10 @@ impl Arguments {
         let text = SkinDesign::with_files(&SkinDesign::text_of(&self.design)?, &self.design)?;
         let skin = skin::load(&self.design)?;
         let design = skin.design();
-        let left_out = self.leave_out.numbers();
-        let frames = read_frames_without(&self.frames, &design.protocol, left_out)?;
+        let left_out = self.leave_out.of(&design.protocol)?;
+        let frames = read_frames_without(&self.frames, &design.protocol, &left_out)?;
         let frames = divided(self.currents.as_deref(), &design.protocol, frames)?;
-        let options = FitOptions { contacts: self.contacts.into(), left_out: left_out.to_vec() };
+        let options = FitOptions { contacts: self.contacts.into(), left_out };
         let progress = Progress::waiting("fitting the design");
         let fit = fit(design, skin.mesh(), &frames, &options)?;
         drop(progress);

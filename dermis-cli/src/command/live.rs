@@ -1,6 +1,7 @@
 //! `dermis live`: processing of a live skin.
 
 use crate::build_watch::check_first_frames;
+use crate::channels::LeaveOutElectrodes;
 use crate::console::{notice_line, on_interrupt};
 use crate::failure::{Failure, Outcome, check_folder};
 use crate::latency;
@@ -50,6 +51,8 @@ pub struct Arguments {
     /// methods only.
     #[arg(long)]
     both_signs: bool,
+    #[command(flatten)]
+    leave_out: LeaveOutElectrodes,
     /// Tare with frames that are unlike the model of the design, or that are all the same, as those of a simulation without
     /// noise.
     #[arg(long)]
@@ -114,8 +117,9 @@ impl Arguments {
     /// Reads the skin until interrupted.
     pub fn run(self) -> Outcome {
         self.check_folders()?;
-        let state = self.kept_state()?;
         let skin = Skin::load(&self.design)?;
+        let left_out = self.leave_out.of(&skin.design().protocol)?;
+        let state = self.kept_state(&left_out)?;
         let (live, emulator) = match self.source.recording() {
             Some(recording) => (self.play(&self.methods(skin)?, recording)?, None),
             None => {
@@ -126,7 +130,7 @@ impl Arguments {
                     (methods, source.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
                 });
                 let (address, emulator) = source?;
-                (Live::start(methods?, self.options(address, state))?, emulator)
+                (Live::start(methods?, self.options(address, state, left_out))?, emulator)
             }
         };
         let control = Arc::new(self.source.control(&live, emulator.clone(), self.limits())?);
@@ -158,9 +162,10 @@ impl Arguments {
             let fix = "check its untouched frames with dermis check-build DESIGN --frames FILE";
             return Err(Failure::given("a recording takes no --check-build", Some(fix)));
         }
-        if self.state.is_some() || self.source.rate.is_some() || self.both_signs || self.device_time {
-            let fix = "leave --state, --rate, --both-signs and --device-time out: a recording has its own";
-            let what = "a recording takes no --state, --rate, --both-signs and --device-time";
+        let is_set = self.both_signs || self.device_time || self.leave_out.are_given();
+        if self.state.is_some() || self.source.rate.is_some() || is_set {
+            let fix = "leave them out: a recording has its own";
+            let what = "a recording takes no --state, --rate, --both-signs, --device-time and --leave-out-electrode";
             return Err(Failure::given(what, Some(fix)));
         }
         let zones = self.zone.clone();
@@ -178,7 +183,7 @@ impl Arguments {
         Ok(live)
     }
 
-    fn options(&self, address: Address, state: Option<State>) -> LiveOptions {
+    fn options(&self, address: Address, state: Option<State>, left_out_electrodes: Vec<usize>) -> LiveOptions {
         let zones = self.zone.clone();
         let method = self.method.clone().unwrap_or_default();
         let threshold = self.threshold.unwrap_or(1.0);
@@ -186,7 +191,8 @@ impl Arguments {
         let is_calibration = is_path(&method) && Calibration::is_folder(Path::new(&method));
         let force_tare = self.force || self.difference || is_calibration || self.source.is_noise_free();
         let both_signs = self.both_signs;
-        let settings = Settings { method, threshold, zones, both_signs, force_tare, ..Settings::default() };
+        let settings =
+            Settings { method, threshold, zones, both_signs, left_out_electrodes, force_tare, ..Settings::default() };
         let (rate_hz, difference, device_time) = (self.source.rate, self.difference, self.device_time);
         let device = DeviceOptions { rate_hz, difference, device_time };
         LiveOptions { address, device, settings, state, waits: true }
@@ -203,7 +209,7 @@ impl Arguments {
         }
     }
 
-    fn kept_state(&self) -> Outcome<Option<State>> {
+    fn kept_state(&self, left_out: &[usize]) -> Outcome<Option<State>> {
         let Some(path) = self.state.as_ref().filter(|path| path.exists()) else { return Ok(None) };
         let wrong = |why: String| {
             let message = format!("the kept state {} cannot be read: {why}", path.display());
@@ -213,6 +219,9 @@ impl Arguments {
         let mut state: State = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
         state.settings.both_signs |= self.both_signs;
         state.settings.force_tare |= self.force;
+        state.settings.left_out_electrodes.extend(left_out);
+        state.settings.left_out_electrodes.sort_unstable();
+        state.settings.left_out_electrodes.dedup();
         Ok(Some(state))
     }
 

@@ -100,7 +100,7 @@ impl Arguments {
         if scene.title.is_empty() {
             scene.title = format!("{}: {}", design.name, self.what_name());
         }
-        let view = self.view(&design);
+        let view = self.view(&scene, &design);
         let picture = view.draw(&scene, &design)?;
         save(&picture, &self.output)?;
         crate::console::print(&format!("wrote {}\n", self.output.display()))
@@ -116,11 +116,11 @@ impl Arguments {
         }
     }
 
-    fn view(&self, design: &SkinDesign) -> View {
+    fn view(&self, scene: &Scene, design: &SkinDesign) -> View {
         match self.view {
             Some(ViewName::Unrolled) => View::Unrolled,
             Some(ViewName::Solid) => View::Solid,
-            None => View::of(design),
+            None => View::of(scene, design),
         }
     }
 

@@ -463,7 +463,8 @@ class Skin:
         """Prepares the skin of a design.
 
         Args:
-            design: A shipped name (`Skin.shipped()`), the path of a design file, or a dict with the keys of one.
+            design: A shipped name (`Skin.shipped()`), the path of a design file, or a dict with the keys of one; arrays are
+                lists.
 
         Raises:
             DermisError: A design that cannot be read, meshed or solved; `line`, `field` and `hint` say where.

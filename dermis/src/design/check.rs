@@ -3,7 +3,7 @@
 use crate::design::layout::{MAX_ELECTRODES, name};
 use crate::design::resolve::Place;
 use crate::design::{Body, Electrode, ElectrodeShape, ImageLayout, RegionPlace, SkinDesign};
-use crate::geom::Edge;
+use crate::geom::{Chart, Edge};
 use crate::text::decimal;
 use std::f64::consts::PI;
 
@@ -26,7 +26,7 @@ impl Problem {
 }
 
 /// Sizes outside these limits are in another unit than metres: no skin is 0.1 mm or 20 m across.
-const SMALLEST_BODY_M: f64 = 1e-4;
+pub(super) const SMALLEST_BODY_M: f64 = 1e-4;
 pub(crate) const LARGEST_BODY_M: f64 = 20.0;
 
 /// Smallest electrode, and shortest edges of a mesh, m: a mesh grows without limit towards smaller ones.
@@ -179,24 +179,31 @@ fn impedance(index: usize, value: f64) -> Result<(), Problem> {
 fn arc(body: &Body, index: usize, electrode: &Electrode, length_m: f64) -> Result<(), Problem> {
     let wrong = |message: String| problem(Place::Electrode(index), format!("electrode {index} {message}"));
     let Some(chart) = body.chart() else {
-        return Err(wrong("is an arc, which a mesh file cannot hold".into())
+        return Err(wrong("is an arc, which a mesh file or a polygon cannot hold".into())
             .fix("use a disc or a point, or groups of edges in the file"));
     };
-    let [width_m, height_m] = chart.size_m();
-    // A centre on a cylinder's rim is exactly there.
-    let rounding_m = if chart.period_m().is_some() { 0.0 } else { ROUNDING * width_m.max(height_m) };
+    let rounding_m = rounding_m(&chart);
     let centre = chart.unroll(electrode.centre_m);
     let edges = Edge::all(&chart);
-    let on_edge = edges.iter().any(|edge| edge.nearest(centre).1 <= rounding_m);
+    let off_m = edges.iter().map(|edge| edge.nearest(centre).1).fold(f64::INFINITY, f64::min);
     let edge_m = edges.iter().map(|edge| edge.length).fold(0.0, f64::max);
-    if !on_edge {
-        return Err(wrong("is an arc, but its centre is not on an edge of the body".into()));
+    if off_m > rounding_m {
+        let message = format!("is an arc, but its centre is {} mm from the edge of the body", millimetres(off_m));
+        let fix = "an arc is part of the edge: move its centre there, or make the electrode a disc";
+        return Err(wrong(message).fix(fix));
     }
     if length_m >= edge_m {
         let message = format!("is {} mm long on an edge of {} mm", millimetres(length_m), millimetres(edge_m));
         return Err(wrong(message).fix("length_m is in metres"));
     }
     Ok(())
+}
+
+/// Distance from an edge that counts as rounding error, m.
+pub(super) fn rounding_m(chart: &Chart) -> f64 {
+    let [width_m, height_m] = chart.size_m();
+    // A centre on a cylinder's rim is exactly there.
+    if chart.period_m().is_some() { 0.0 } else { ROUNDING * width_m.max(height_m) }
 }
 
 /// The centre and the body's limits, if the centre is off the body.

@@ -33,7 +33,7 @@ pub(super) fn fabrication(design: &SkinDesign) -> Result<(), Problem> {
     wall(&design.body, &options)?;
     flange(&design.body, &options)?;
     bores(design, &options)?;
-    multiplexers(design, &options)?;
+    multiplexers(design)?;
     patches(&design.body, &options)
 }
 
@@ -142,8 +142,10 @@ pub fn bores_meet(i: usize, j: usize, land_m: f64) -> String {
     )
 }
 
-/// Electrodes without an input of the multiplexers, and inputs with two.
-fn multiplexers(design: &SkinDesign, options: &FabricationOptions) -> Result<(), Problem> {
+/// Electrodes without an input of the multiplexers, and inputs with two. Every reader of a design checks this: the firmware
+/// that scans a skin has its inputs too.
+pub(super) fn multiplexers(design: &SkinDesign) -> Result<(), Problem> {
+    let Some(options) = &design.fabrication else { return Ok(()) };
     let (count, per_one) = (design.electrodes.len(), MultiplexerInput::PER_MULTIPLEXER);
     if let Some(given) = options.inputs.as_ref().map(Vec::len).filter(|given| *given != count) {
         let message = format!("{given} inputs for {count} electrodes");

@@ -87,6 +87,12 @@ pub(super) enum BodyTable {
         /// Extent along y, m.
         height_m: At<f64>,
     },
+    /// A flat body of any outline in the plane z = 0. It is meshed and its image divided as the body of a mesh file, and
+    /// positions on it have x_m, y_m and z_m; its electrodes are discs or points.
+    Polygon {
+        /// Its corners in order, [x, y], m; in either direction.
+        corners_m: At<Vec<[f64; 2]>>,
+    },
     /// A mesh file: Gmsh .msh, STL, OBJ or PLY.
     Mesh {
         /// The file, relative to the folder of the design.
@@ -207,12 +213,12 @@ pub(super) enum LayoutTable {
         /// Rotation of rings 1, 3, 5, ... as a fraction of the step between electrodes; default: 0.
         stagger: Option<At<f64>>,
     },
-    /// At equal distances along the edge of a disk or a rectangle.
+    /// At equal distances along the edge of a disk, a rectangle or a polygon.
     Rim {
-        /// Number of electrodes, at equal distances along the edge; on a rectangle the first is half a step from its
-        /// corner.
+        /// Number of electrodes, at equal distances along the edge; on a rectangle or a polygon the first is half a step
+        /// from its corner.
         count: Option<At<usize>>,
-        /// Number of electrodes on each side of a rectangle, in place of `count`.
+        /// Number of electrodes on each side of a rectangle or a polygon, in place of `count`.
         per_side: Option<At<usize>>,
         /// Angle of electrode 0 of a disk from +x towards +y, rad; default: 0.
         first_theta_rad: Option<At<f64>>,
@@ -231,7 +237,10 @@ pub(super) enum LayoutTable {
         /// Distance of the outer electrodes from the edges, m; default: half a step.
         margin_m: Option<At<f64>>,
     },
-    /// A list of positions: (z_m, theta_rad) on a cylinder, (x_m, y_m) on a flat skin, (x_m, y_m, z_m) on a mesh.
+    /// A list of positions: (z_m, theta_rad) on a cylinder, (x_m, y_m) on a flat skin, (x_m, y_m, z_m) on a mesh; on the
+    /// edge of a disk theta_rad alone, on the edge of a disk, a rectangle or a polygon along_edge_m alone. Arcs at most a tenth of their
+    /// length from the edge are moved to it, discs at most a tenth of their radius beyond it too, and points at most 0.01 mm
+    /// from it: such positions are rounded.
     Positions(Vec<At<PositionTable>>),
     /// The physical groups `electrode_<n>` of the mesh file.
     Groups {
@@ -279,8 +288,11 @@ pub(super) struct PositionTable {
     pub y_m: Option<f64>,
     /// Along z, m.
     pub z_m: Option<f64>,
-    /// Angle around a cylinder, rad.
+    /// Angle around a cylinder or on the edge of a disk, from +x towards +y, rad.
     pub theta_rad: Option<f64>,
+    /// Distance along the edge, counter-clockwise as seen from +z, m: on a disk from theta = 0, on a rectangle from the
+    /// origin, on a polygon from its first corner.
+    pub along_edge_m: Option<f64>,
     /// The shape of this electrode, if it differs from the others.
     pub shape: Option<ShapeTable>,
 }
@@ -292,6 +304,8 @@ pub(super) struct PositionTable {
 pub(super) struct ProtocolTable {
     /// The drive and measure pattern.
     pub pattern: At<PatternTable>,
+    /// Number of the first electrode in the `table` or the `channels` of the pattern: 1 where these count from 1; default: 0.
+    pub first_electrode: Option<At<usize>>,
     /// The instrument reports amplitudes: the signs are lost and are restored from the model.
     #[serde(default)]
     pub amplitude_only: bool,
@@ -316,8 +330,20 @@ pub(super) enum PatternTable {
     Opposite,
     /// Drive d to d + 1 + the number of electrodes skipped, every adjacent measure without a driven electrode.
     Skip(usize),
-    /// A channel table (CSV: channel,drive_source,drive_sink,measure_plus,measure_minus) or the scan table of another
-    /// design, relative to the folder of the design.
+    /// Drives and measures between electrodes at given distances.
+    Distances {
+        /// Drive d to d + this number.
+        drive: usize,
+        /// Measure m against m + this number; default: 1.
+        measure: Option<usize>,
+        /// Measure at driven electrodes too, except between the two of the drive; default: false.
+        #[serde(default)]
+        with_driven: bool,
+    },
+    /// A list with the four electrodes of each value: [drive_source, drive_sink, measure_plus, measure_minus].
+    Channels(Vec<[usize; 4]>),
+    /// A channel table (CSV: channel,drive_source,drive_sink,measure_plus,measure_minus; or with the columns a, b, m and n of
+    /// geophysics) or the scan table of another design, relative to the folder of the design.
     Table(PathBuf),
 }
 

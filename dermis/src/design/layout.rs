@@ -2,6 +2,7 @@
 
 use crate::design::error::DesignError;
 use crate::design::file::{At, Corner, ElectrodesTable, LayoutTable, PositionTable};
+use crate::design::outline::Outline;
 use crate::design::resolve::Source;
 use crate::design::{Body, ElectrodeShape, rim};
 use crate::geom::Point3;
@@ -11,15 +12,33 @@ use std::ops::Range;
 /// Maximum number of electrodes of a skin: the adjacent protocol then has a million values.
 pub const MAX_ELECTRODES: usize = 1024;
 
+/// What electrodes are placed on.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Ground<'a> {
+    /// The body.
+    pub body: &'a Body,
+    /// Its outline, if it is a polygon.
+    pub outline: Option<&'a Outline>,
+}
+
+impl Ground<'_> {
+    /// A description for messages.
+    fn name(&self) -> &'static str {
+        self.outline.map_or(name(self.body), |_| "a polygon")
+    }
+}
+
 type Places = Vec<(Point3, ElectrodeShape)>;
 
 /// The centre and the shape of every electrode.
-pub(super) fn places(source: &Source<'_>, body: &Body, table: &ElectrodesTable) -> Result<Places, DesignError> {
+pub(super) fn places(source: &Source<'_>, ground: &Ground<'_>, table: &ElectrodesTable) -> Result<Places, DesignError> {
+    let body = ground.body;
     let span = &table.layout.span;
     let shape = ElectrodeShape::from(table.shape.value);
-    count_fits(source, span, &table.layout.value)?;
+    let sides = ground.outline.map_or(4, |outline| outline.corners_m.len());
+    count_fits(source, span, &table.layout.value, sides)?;
     let wrong_body = |layout: &str, bodies: &str| {
-        let message = format!("electrodes in {layout} need {bodies}, not {}", name(body));
+        let message = format!("electrodes in {layout} need {bodies}, not {}", ground.name());
         source.fail(Some(span.clone()), message, Some("a list of `positions` fits every body".into()))
     };
     let optional = |at: &Option<At<f64>>| at.as_ref().map_or(0.0, |at| at.value);
@@ -38,11 +57,13 @@ pub(super) fn places(source: &Source<'_>, body: &Body, table: &ElectrodesTable) 
             (0..rings.value * per_ring.value).map(place).collect()
         }
         (LayoutTable::Rings { .. }, _) => return Err(wrong_body("rings", "a cylinder")),
-        (LayoutTable::Rim { .. }, &Body::Disk { .. } | &Body::Rectangle { .. }) => {
-            rim_places(body, &table.layout.value)
+        (LayoutTable::Rim { .. }, body)
+            if ground.outline.is_some() || matches!(body, Body::Disk { .. } | Body::Rectangle { .. }) =>
+        {
+            rim_places(ground, &table.layout.value)
                 .map_err(|(message, fix)| source.fail(Some(span.clone()), message, fix))?
         }
-        (LayoutTable::Rim { .. }, _) => return Err(wrong_body("a rim", "a disk or a rectangle")),
+        (LayoutTable::Rim { .. }, _) => return Err(wrong_body("a rim", "a disk, a rectangle or a polygon")),
         (LayoutTable::Grid { rows, columns, margin_m }, &Body::Rectangle { width_m, height_m }) => {
             let margin_m = margin_m.as_ref().map(|at| at.value);
             let place = |index: usize| {
@@ -52,7 +73,7 @@ pub(super) fn places(source: &Source<'_>, body: &Body, table: &ElectrodesTable) 
             (0..rows.value * columns.value).map(place).collect()
         }
         (LayoutTable::Grid { .. }, _) => return Err(wrong_body("a grid", "a rectangle")),
-        (LayoutTable::Positions(list), body) => return positions(source, body, list, shape),
+        (LayoutTable::Positions(list), _) => return positions(source, ground, list, shape),
         (LayoutTable::Groups { count }, Body::Mesh { .. }) if shape == ElectrodeShape::Group => {
             vec![[f64::NAN; 3]; count.value]
         }
@@ -73,15 +94,28 @@ pub(super) fn places(source: &Source<'_>, body: &Body, table: &ElectrodesTable) 
 }
 
 /// The positions of electrodes along an edge; else what is wrong with the keys, and the fix.
-fn rim_places(body: &Body, layout: &LayoutTable) -> Result<Vec<Point3>, (String, Option<String>)> {
+fn rim_places(ground: &Ground<'_>, layout: &LayoutTable) -> Result<Vec<Point3>, (String, Option<String>)> {
     let LayoutTable::Rim { count, per_side, first_theta_rad, first_corner, direction } = layout else {
         unreachable!("called for a rim")
     };
     let no_key = |key: &str, other: &str| {
-        let message = format!("electrodes on the rim of {} have no `{key}`", name(body));
+        let message = format!("electrodes on the rim of {} have no `{key}`", ground.name());
         Err((message, Some(format!("write `{other}`"))))
     };
-    match (body, count, per_side) {
+    let in_all = count.as_ref().map(|count| rim::Count::InAll(count.value));
+    let wanted = in_all.xor(per_side.as_ref().map(|count| rim::Count::PerSide(count.value)));
+    let either = || ("a rim needs either `count` or `per_side`".to_string(), None);
+    if let Some(outline) = ground.outline {
+        if first_theta_rad.is_some() || first_corner.is_some() {
+            let message = "electrodes on the rim of a polygon have no `first_theta_rad` and no `first_corner`";
+            return Err((
+                message.into(),
+                Some("they begin at its first corner: list the corners from there on".into()),
+            ));
+        }
+        return Ok(rim::on_outline(&outline.corners_m, wanted.ok_or_else(either)?, 0, *direction));
+    }
+    match (ground.body, count, per_side) {
         (Body::Disk { .. }, _, Some(_)) => no_key("per_side", "count = ..."),
         (Body::Disk { .. }, ..) if first_corner.is_some() => no_key("first_corner", "first_theta_rad = ..."),
         (Body::Rectangle { .. }, ..) if first_theta_rad.is_some() => no_key("first_theta_rad", "first_corner = ..."),
@@ -89,26 +123,24 @@ fn rim_places(body: &Body, layout: &LayoutTable) -> Result<Vec<Point3>, (String,
             let first_rad = first_theta_rad.as_ref().map_or(0.0, |at| at.value);
             Ok(rim::on_disk(diameter_m, count.value, first_rad, *direction))
         }
-        (&Body::Rectangle { width_m, height_m }, count, per_side) if count.is_some() != per_side.is_some() => {
-            let in_all = count.as_ref().map(|count| rim::Count::InAll(count.value));
-            let count = in_all.or(per_side.as_ref().map(|count| rim::Count::PerSide(count.value)));
-            let count = count.expect("one of the two is there");
+        (&Body::Rectangle { width_m, height_m }, ..) => {
             let first = first_corner.as_ref().map_or(Corner::default(), |at| at.value);
-            Ok(rim::on_rectangle([width_m, height_m], count, first, *direction))
+            let corners_m = rim::corners_m([width_m, height_m]);
+            Ok(rim::on_outline(&corners_m, wanted.ok_or_else(either)?, first as usize, *direction))
         }
         (Body::Disk { .. }, ..) => Err(("a rim needs `count`".into(), None)),
-        _ => Err(("a rim needs either `count` or `per_side`".into(), None)),
+        _ => Err(either()),
     }
 }
 
 /// Refuses counts that do not fit in memory, before any electrode is placed.
-fn count_fits(source: &Source<'_>, span: &Range<usize>, layout: &LayoutTable) -> Result<(), DesignError> {
+fn count_fits(source: &Source<'_>, span: &Range<usize>, layout: &LayoutTable, sides: usize) -> Result<(), DesignError> {
     let count = match layout {
         LayoutTable::Rings { rings, per_ring, .. } => rings.value.saturating_mul(per_ring.value),
         LayoutTable::Grid { rows, columns, .. } => rows.value.saturating_mul(columns.value),
         LayoutTable::Rim { count, per_side, .. } => match (count, per_side) {
             (Some(count), _) => count.value,
-            (None, Some(per_side)) => per_side.value.saturating_mul(4),
+            (None, Some(per_side)) => per_side.value.saturating_mul(sides),
             (None, None) => return Ok(()),
         },
         LayoutTable::Groups { count } => count.value,
@@ -126,7 +158,7 @@ fn count_fits(source: &Source<'_>, span: &Range<usize>, layout: &LayoutTable) ->
 
 fn positions(
     source: &Source<'_>,
-    body: &Body,
+    ground: &Ground<'_>,
     list: &[At<PositionTable>],
     shape: ElectrodeShape,
 ) -> Result<Places, DesignError> {
@@ -136,26 +168,42 @@ fn positions(
         if own_shape == ElectrodeShape::Group {
             return Err(group_without_groups(source, span));
         }
-        let PositionTable { x_m, y_m, z_m, theta_rad, .. } = *position;
-        let centre = match (body, x_m, y_m, z_m, theta_rad) {
-            (&Body::Cylinder { length_m, diameter_m }, None, None, Some(z_m), Some(theta_rad)) => {
-                on_cylinder(length_m, diameter_m, z_m, theta_rad)
-            }
-            (Body::Disk { .. } | Body::Rectangle { .. }, Some(x_m), Some(y_m), None, None) => [x_m, y_m, 0.0],
-            (Body::Mesh { .. }, Some(x_m), Some(y_m), Some(z_m), None) => [x_m, y_m, z_m],
-            _ => {
-                let needed = match body {
-                    Body::Cylinder { .. } => "`z_m` and `theta_rad`",
-                    Body::Disk { .. } | Body::Rectangle { .. } => "`x_m` and `y_m`",
-                    Body::Mesh { .. } => "`x_m`, `y_m` and `z_m`",
-                };
-                let message = format!("electrode {index}: a place on {} is {needed}, no more and no less", name(body));
-                return Err(source.fail(Some(span.clone()), message, None));
-            }
-        };
+        let centre = centre_m(ground, position).map_err(|(message, fix)| {
+            source.fail(Some(span.clone()), format!("electrode {index}: {message}"), fix.map(str::to_string))
+        })?;
+        let centre = rim::without_rounding(ground.body, centre, own_shape);
         places.push((centre, own_shape));
     }
     Ok(places)
+}
+
+/// The centre of an electrode from its position; else what is wrong with the keys, and the fix.
+fn centre_m(ground: &Ground<'_>, position: &PositionTable) -> Result<Point3, (String, Option<&'static str>)> {
+    let PositionTable { x_m, y_m, z_m, theta_rad, along_edge_m, .. } = *position;
+    let is_flat = ground.outline.is_some() || matches!(ground.body, Body::Disk { .. } | Body::Rectangle { .. });
+    Ok(match (ground.body, x_m, y_m, z_m, theta_rad, along_edge_m) {
+        (&Body::Cylinder { length_m, diameter_m }, None, None, Some(z_m), Some(theta_rad), None) => {
+            on_cylinder(length_m, diameter_m, z_m, theta_rad)
+        }
+        (_, Some(x_m), Some(y_m), None, None, None) if is_flat => [x_m, y_m, 0.0],
+        (&Body::Disk { diameter_m }, None, None, None, Some(theta_rad), None) => rim::of_disk(diameter_m, theta_rad),
+        (_, None, None, None, None, Some(along_m)) if is_flat => {
+            rim::along_edge(ground, along_m).map_err(|length_m| {
+                let message = format!("along_edge_m is {along_m}: it must be between 0 and {length_m:.6}");
+                (message, Some("the edge is no longer; lengths are in metres"))
+            })?
+        }
+        (Body::Mesh { .. }, Some(x_m), Some(y_m), Some(z_m), None, None) => [x_m, y_m, z_m],
+        (body, ..) => {
+            let needed = match body {
+                Body::Cylinder { .. } => "`z_m` and `theta_rad`",
+                Body::Disk { .. } => "`x_m` and `y_m`, or on the edge `theta_rad` or `along_edge_m`",
+                _ if is_flat => "`x_m` and `y_m`, or on the edge `along_edge_m`",
+                Body::Rectangle { .. } | Body::Mesh { .. } => "`x_m`, `y_m` and `z_m`",
+            };
+            return Err((format!("a place on {} is {needed}, no more and no less", ground.name()), None));
+        }
+    })
 }
 
 fn group_without_groups(source: &Source<'_>, span: &Range<usize>) -> DesignError {

@@ -7,6 +7,7 @@ mod error;
 mod fabrication;
 mod file;
 mod layout;
+mod outline;
 mod resolve;
 mod rewrite;
 mod rim;
@@ -58,6 +59,15 @@ impl SkinDesign {
     /// No such file or name; the errors of [`parse`](Self::parse).
     pub fn load(name_or_path: &str) -> Result<Self, DesignError> {
         resolve::load(name_or_path)
+    }
+
+    /// As [`load`](Self::load), and checks with [`check_fabrication`](Self::check_fabrication) that a workshop can make the
+    /// skin.
+    ///
+    /// # Errors
+    /// Those of both. The error contains the line.
+    pub fn load_for_fabrication(name_or_path: &str) -> Result<Self, DesignError> {
+        resolve::parse_for_fabrication(&resolve::text_of(name_or_path)?, name_or_path)
     }
 
     /// The text of a design by name or by path, as [`load`](Self::load) finds it.
@@ -114,7 +124,8 @@ impl SkinDesign {
         check::check(self).map_err(|problem| DesignError::new(problem.message, problem.fix))
     }
 
-    /// Checks what a workshop makes, as [`parse`](Self::parse) does if the file has the table `[fabrication]`.
+    /// Checks that a workshop can make the skin. [`load`](Self::load) and [`parse`](Self::parse) do not: a design that no
+    /// workshop can make still describes a skin.
     ///
     /// # Errors
     /// Sizes that cannot be made: a wall thinner than a bore, bores that meet, patches that do not fit. Without a line.

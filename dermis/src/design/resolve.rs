@@ -1,19 +1,21 @@
 //! Conversion of the tables of a design file to a skin.
 
 use crate::design::carried::{CarriedFiles, WrongLine};
+use crate::design::check::Problem;
 use crate::design::error::{DesignError, closest_name, explain_toml_error, value_of_named_key};
 use crate::design::file::{
     At, BodyTable, DesignFile, ElectrodesTable, FabricationTable, ImageTable, LayoutTable, MeasuresStart, MeshTable,
     OneOrEach, PatternTable, ProtocolTable, ShapeTable, SheetTable, TouchName,
 };
-use crate::design::layout;
+use crate::design::layout::{self, Ground};
+use crate::design::outline::Outline;
 use crate::design::{
     Body, Electrode, ElectrodeShape, FabricationOptions, ImageLayout, MeshFile, MeshOptions, Region, RegionPlace,
     Sheet, SheetKind, SkinDesign, TouchEffect, shipped,
 };
 use crate::design::{check, check_fabrication};
 use crate::files::{read_at_most, read_text_at_most};
-use crate::protocol::{Channel, Protocol};
+use crate::protocol::{Channel, Driven, Protocol, numbered};
 use crate::text::printable;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -57,6 +59,14 @@ pub(super) fn text_of(name_or_path: &str) -> Result<String, DesignError> {
 /// A design from the text of a TOML file.
 pub(super) fn parse(text: &str, name: &str) -> Result<SkinDesign, DesignError> {
     Ok(read(text.strip_prefix('\u{feff}').unwrap_or(text), name)?.1)
+}
+
+/// A design from the text of a TOML file that a workshop can make.
+pub(super) fn parse_for_fabrication(text: &str, name: &str) -> Result<SkinDesign, DesignError> {
+    let (text, files) = split(text.strip_prefix('\u{feff}').unwrap_or(text), name)?;
+    let (file, design) = read_with(text, name, &files)?;
+    Source { name, text, files: &files }.accept(&file, check_fabrication::fabrication(&design))?;
+    Ok(design)
 }
 
 /// The tables of a TOML file without a byte-order mark, and the design.
@@ -112,9 +122,7 @@ fn read_with(text: &str, name: &str, files: &CarriedFiles) -> Result<(DesignFile
         source.fail(error.span(), message, fix)
     })?;
     let design = source.resolve(&file)?;
-    check::check(&design)
-        .and_then(|()| design.fabrication.as_ref().map_or(Ok(()), |_| check_fabrication::fabrication(&design)))
-        .map_err(|problem| source.fail(Some(locate(&file, problem.place)), problem.message, problem.fix))?;
+    source.accept(&file, check::check(&design).and_then(|()| check_fabrication::multiplexers(&design)))?;
     Ok((file, design))
 }
 
@@ -178,15 +186,21 @@ impl Source<'_> {
         DesignError { message, fix, source_text: Some((self.name.to_string(), self.text.to_string())), span }
     }
 
+    /// What a check found, with its place in the file.
+    fn accept(&self, file: &DesignFile, checked: Result<(), Problem>) -> Result<(), DesignError> {
+        checked.map_err(|problem| self.fail(Some(locate(file, problem.place)), problem.message, problem.fix))
+    }
+
     /// A file named in the design, relative to the folder of the design.
     fn beside(&self, path: &Path) -> PathBuf {
         Path::new(self.name).parent().unwrap_or(Path::new("")).join(path)
     }
 
     fn resolve(&self, file: &DesignFile) -> Result<SkinDesign, DesignError> {
-        let body = self.body(&file.body.value);
+        let outline = self.outline(&file.body.value)?;
+        let body = self.body(&file.body.value, outline.as_ref());
         check::body(&body).map_err(|p| self.fail(Some(file.body.span.clone()), p.message, p.fix))?;
-        let electrodes = self.electrodes(&body, &file.electrodes)?;
+        let electrodes = self.electrodes(&Ground { body: &body, outline: outline.as_ref() }, &file.electrodes)?;
         let image = match file.image.as_ref().map(|image| &image.value) {
             Some(ImageTable::Cells) => ImageLayout::Cells,
             Some(ImageTable::Grid { rows, columns }) => ImageLayout::Grid { rows: rows.value, columns: columns.value },
@@ -220,7 +234,16 @@ impl Source<'_> {
         Path::new(self.name).file_stem().map_or(self.name.to_string(), |stem| stem.to_string_lossy().into_owned())
     }
 
-    fn body(&self, table: &BodyTable) -> Body {
+    /// The outline of a polygon.
+    fn outline(&self, table: &BodyTable) -> Result<Option<Outline>, DesignError> {
+        let BodyTable::Polygon { corners_m } = table else { return Ok(None) };
+        let wrong = |(message, fix): (String, &str)| {
+            self.fail(Some(corners_m.span.clone()), format!("corners_m: {message}"), Some(fix.to_string()))
+        };
+        Outline::new(&corners_m.value).map(Some).map_err(wrong)
+    }
+
+    fn body(&self, table: &BodyTable, outline: Option<&Outline>) -> Body {
         match table {
             BodyTable::Cylinder { length_m, diameter_m } => {
                 Body::Cylinder { length_m: length_m.value, diameter_m: diameter_m.value }
@@ -228,6 +251,10 @@ impl Source<'_> {
             BodyTable::Disk { diameter_m } => Body::Disk { diameter_m: diameter_m.value },
             BodyTable::Rectangle { width_m, height_m } => {
                 Body::Rectangle { width_m: width_m.value, height_m: height_m.value }
+            }
+            BodyTable::Polygon { .. } => {
+                let contents = outline.map(|outline| outline.to_obj().into_bytes().into());
+                Body::Mesh { file: MeshFile { path: "polygon.obj".into(), contents }, unit_m: 1.0 }
             }
             BodyTable::Mesh { path, unit_m } => {
                 let contents = self.files.get(&path.value);
@@ -296,9 +323,9 @@ impl Source<'_> {
         }
     }
 
-    fn electrodes(&self, body: &Body, table: &At<ElectrodesTable>) -> Result<Vec<Electrode>, DesignError> {
+    fn electrodes(&self, ground: &Ground<'_>, table: &At<ElectrodesTable>) -> Result<Vec<Electrode>, DesignError> {
         let electrodes = &table.value;
-        let places = layout::places(self, body, electrodes)?;
+        let places = layout::places(self, ground, electrodes)?;
         let mut list = Vec::with_capacity(places.len());
         for (index, (centre_m, shape)) in places.iter().copied().enumerate() {
             let contact_impedance = self.contact_impedance(index, places.len(), shape, table)?;
@@ -350,6 +377,13 @@ impl Source<'_> {
         let fail = |error: crate::protocol::ProtocolError| {
             self.fail(Some(table.pattern.span.clone()), error.to_string(), None)
         };
+        let counts = matches!(table.pattern.value, PatternTable::Table(_) | PatternTable::Channels(_));
+        if let Some(first) = table.first_electrode.as_ref().filter(|_| !counts) {
+            let fix = "leave `first_electrode` out: electrodes of the design are numbered from 0".to_string();
+            let message = "`first_electrode` belongs to a pattern with a `table` or `channels`";
+            return Err(self.fail(Some(first.span.clone()), message, Some(fix)));
+        }
+        let first = table.first_electrode.as_ref().map(|at| at.value);
         let protocol = match &table.pattern.value {
             PatternTable::Adjacent => Protocol::adjacent(electrode_count),
             PatternTable::AdjacentUndriven => Protocol::adjacent_undriven(electrode_count),
@@ -357,10 +391,22 @@ impl Source<'_> {
             PatternTable::Skip(skip) => Protocol::skip(electrode_count, *skip),
             PatternTable::Table(path) => match self.files.get(path) {
                 Some(table) => {
-                    Protocol::parse_csv(&String::from_utf8_lossy(&table), &path.to_string_lossy(), electrode_count)
+                    let (text, path) = (String::from_utf8_lossy(&table), path.to_string_lossy());
+                    Protocol::parse_csv_numbered(&text, &path, electrode_count, first)
                 }
-                None => Protocol::load(&self.beside(path), electrode_count),
+                None => Protocol::load_numbered(&self.beside(path), electrode_count, first),
             },
+            &PatternTable::Distances { drive, measure, with_driven } => {
+                let driven = if with_driven { Driven::NotItsPair } else { Driven::LeftOut };
+                Protocol::distances(electrode_count, [drive, measure.unwrap_or(1)], driven)
+            }
+            PatternTable::Channels(rows) => {
+                let rows: Vec<_> = rows.iter().copied().enumerate().collect();
+                let channels = numbered(&rows, electrode_count, first.unwrap_or(0)).map_err(|(index, message)| {
+                    self.fail(Some(table.pattern.span.clone()), format!("row {index} of `channels` {message}"), None)
+                })?;
+                Protocol::new(electrode_count, channels)
+            }
         }
         .map_err(fail)?;
         let mut channels = protocol.channels().to_vec();

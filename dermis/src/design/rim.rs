@@ -1,7 +1,10 @@
 //! Electrodes along the edge of a flat skin.
 
-use crate::design::file::{Corner, Direction};
-use crate::geom::Point3;
+use crate::design::check::rounding_m;
+use crate::design::file::Direction;
+use crate::design::layout::Ground;
+use crate::design::{Body, ElectrodeShape};
+use crate::geom::{Edge, Point2, Point3};
 use std::f64::consts::TAU;
 
 /// Electrodes at equal distances around a disk.
@@ -10,14 +13,59 @@ pub(super) fn on_disk(diameter_m: f64, count: usize, first_theta_rad: f64, direc
         Direction::CounterClockwise => 1.0,
         Direction::Clockwise => -1.0,
     };
-    let place = |index: usize| {
-        let theta_rad = first_theta_rad + sign * (index as f64 * TAU / count as f64);
-        [0.5 * diameter_m * theta_rad.cos(), 0.5 * diameter_m * theta_rad.sin(), 0.0]
-    };
+    let place = |index: usize| of_disk(diameter_m, first_theta_rad + sign * (index as f64 * TAU / count as f64));
     (0..count).map(place).collect()
 }
 
-/// The number of electrodes on a rectangle's edge.
+/// The point of a disk's edge at an angle.
+pub(super) fn of_disk(diameter_m: f64, theta_rad: f64) -> Point3 {
+    [0.5 * diameter_m * theta_rad.cos(), 0.5 * diameter_m * theta_rad.sin(), 0.0]
+}
+
+/// The point of a flat body's edge at a distance along it; else the length of the edge.
+pub(super) fn along_edge(ground: &Ground<'_>, along_m: f64) -> Result<Point3, f64> {
+    if let Some(outline) = ground.outline {
+        let sides = sides(&outline.corners_m, 0, Direction::CounterClockwise);
+        let length_m = sides.iter().map(|(_, _, length_m)| length_m).sum();
+        return if (0.0..=length_m).contains(&along_m) { Ok(at(&sides, along_m)) } else { Err(length_m) };
+    }
+    let chart = ground.body.chart().expect("flat bodies have a chart");
+    let [edge] = &Edge::all(&chart)[..] else { unreachable!("a flat body has one edge") };
+    match (0.0..=edge.length).contains(&along_m) {
+        true => Ok(chart.roll(edge.point(along_m))),
+        false => Err(edge.length),
+    }
+}
+
+/// Parts of an arc's length and a disc's radius by which a position may be off, and a distance for points, m: positions
+/// rounded to 0.01 mm are at most 7 micrometres off.
+const ROUNDED_PART: f64 = 0.1;
+const ROUNDED_POINT_M: f64 = 1e-5;
+
+/// The centre of an electrode whose position is rounded: that of an arc or a point near the edge is moved to the edge,
+/// that of a disc just beyond the edge too.
+pub(super) fn without_rounding(body: &Body, centre_m: Point3, shape: ElectrodeShape) -> Point3 {
+    let Some(chart) = body.chart() else { return centre_m };
+    let place = chart.unroll(centre_m);
+    let depth_m = chart.depth_m(place);
+    let tolerance_m = match shape {
+        ElectrodeShape::Arc { length_m } => ROUNDED_PART * length_m,
+        ElectrodeShape::Disc { radius_m } if depth_m < 0.0 => ROUNDED_PART * radius_m,
+        ElectrodeShape::Point => ROUNDED_POINT_M,
+        ElectrodeShape::Disc { .. } | ElectrodeShape::Group => return centre_m,
+    };
+    // A position computed to the last digits keeps them.
+    if depth_m.abs() <= rounding_m(&chart) || depth_m.abs() > tolerance_m || depth_m.is_nan() {
+        return centre_m;
+    }
+    let on_edge = Edge::all(&chart).into_iter().map(|edge| (edge.nearest(place), edge));
+    match on_edge.min_by(|(a, _), (b, _)| a.1.total_cmp(&b.1)) {
+        Some(((along_m, _), edge)) => chart.roll(edge.point(along_m)),
+        None => centre_m,
+    }
+}
+
+/// The number of electrodes on an outline.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Count {
     /// In total, at equal distances along the whole edge.
@@ -26,10 +74,11 @@ pub(super) enum Count {
     PerSide(usize),
 }
 
-/// Electrodes along the edge of a rectangle. The first and the last of a row are half a step from its ends.
-pub(super) fn on_rectangle(size_m: [f64; 2], count: Count, first: Corner, direction: Direction) -> Vec<Point3> {
-    let sides = sides(size_m, first, direction);
-    let lengths_m = sides.map(|(_, _, length_m)| length_m);
+/// Electrodes along a closed outline, from one of its corners on. The first and the last of a row are half a step from its
+/// ends.
+pub(super) fn on_outline(corners_m: &[Point2], count: Count, first: usize, direction: Direction) -> Vec<Point3> {
+    let sides = sides(corners_m, first, direction);
+    let lengths_m: Vec<f64> = sides.iter().map(|(_, _, length_m)| *length_m).collect();
     let ways_m: Vec<f64> = match count {
         Count::InAll(count) => {
             let step_m = lengths_m.iter().sum::<f64>() / count as f64;
@@ -38,37 +87,43 @@ pub(super) fn on_rectangle(size_m: [f64; 2], count: Count, first: Corner, direct
         Count::PerSide(count) => {
             let on_side = |side: usize| {
                 let before_m: f64 = lengths_m[..side].iter().sum();
-                (0..count).map(move |k| before_m + (k as f64 + 0.5) * lengths_m[side] / count as f64)
+                let step_m = lengths_m[side] / count as f64;
+                (0..count).map(move |k| before_m + (k as f64 + 0.5) * step_m)
             };
-            (0..4).flat_map(on_side).collect()
+            (0..lengths_m.len()).flat_map(on_side).collect()
         }
     };
     ways_m.into_iter().map(|way_m| at(&sides, way_m)).collect()
 }
 
+/// The corners of a rectangle.
+pub(super) fn corners_m([width_m, height_m]: [f64; 2]) -> [Point2; 4] {
+    [[0.0, 0.0], [width_m, 0.0], [width_m, height_m], [0.0, height_m]]
+}
+
 /// Corner, direction and length of a side.
-type Side = ([f64; 2], [f64; 2], f64);
+type Side = (Point2, Point2, f64);
 
 /// The sides in numbering order.
-fn sides([width_m, height_m]: [f64; 2], first: Corner, direction: Direction) -> [Side; 4] {
-    let corners = [[0.0, 0.0], [width_m, 0.0], [width_m, height_m], [0.0, height_m]];
-    let start = first as usize;
+fn sides(corners_m: &[Point2], first: usize, direction: Direction) -> Vec<Side> {
+    let count = corners_m.len();
     let step = match direction {
         Direction::CounterClockwise => 1,
-        Direction::Clockwise => 3,
+        Direction::Clockwise => count - 1,
     };
-    [0, 1, 2, 3].map(|side| {
-        let (from, to) = (corners[(start + side * step) % 4], corners[(start + (side + 1) * step) % 4]);
-        let length_m = (to[0] - from[0]).abs() + (to[1] - from[1]).abs();
+    let side = |side: usize| {
+        let (from, to) = (corners_m[(first + side * step) % count], corners_m[(first + (side + 1) * step) % count]);
+        let length_m = (to[0] - from[0]).hypot(to[1] - from[1]);
         (from, [0, 1].map(|axis| (to[axis] - from[axis]) / length_m), length_m)
-    })
+    };
+    (0..count).map(side).collect()
 }
 
 /// The point at an arc length along the sides.
-fn at(sides: &[Side; 4], way_m: f64) -> Point3 {
+fn at(sides: &[Side], way_m: f64) -> Point3 {
     let mut rest_m = way_m;
     for (index, &(from, direction, length_m)) in sides.iter().enumerate() {
-        if rest_m <= length_m || index == 3 {
+        if rest_m <= length_m || index + 1 == sides.len() {
             let rest_m = rest_m.min(length_m);
             return [from[0] + rest_m * direction[0], from[1] + rest_m * direction[1], 0.0];
         }

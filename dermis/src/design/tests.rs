@@ -1,8 +1,9 @@
 //! Valid designs, and the error messages of invalid ones.
 
+use crate::design::resolve::parse_for_fabrication;
 use crate::design::{Body, ElectrodeShape, FabricationOptions, ImageLayout, SkinDesign, TouchEffect};
 use crate::geom::vector::distance;
-use crate::protocol::{Channel, Protocol};
+use crate::protocol::{Channel, Driven, Protocol};
 use std::f64::consts::TAU;
 
 const GOOD: &str = include_str!("../../designs/cylinder30.toml");
@@ -221,8 +222,10 @@ fn a_rectangle_with_a_list_of_electrodes_and_a_region() {
 
 /// The centres of a flat skin's electrodes, in mm rounded to a thousandth, or the error.
 fn centres(body: &str, layout: &str) -> Result<Vec<[f64; 2]>, String> {
+    // A polygon has no arcs.
+    let shape = if body.contains("polygon") { "shape = \"point\"" } else { "shape.arc.length_m = 0.004" };
     let text = format!(
-        "{body}\n[sheet]\nsheet_resistance_ohm = 500\ntouch = \"conductance_falls\"\n[electrodes]\nshape.arc.length_m = 0.004\n\
+        "{body}\n[sheet]\nsheet_resistance_ohm = 500\ntouch = \"conductance_falls\"\n[electrodes]\n{shape}\n\
          contact_impedance_ohm_m = 0.01\n[electrodes.layout.rim]\n{layout}\n[protocol]\npattern = \"adjacent\"\n"
     );
     let design = SkinDesign::parse(&text, "flat.toml").map_err(|error| error.to_string())?;
@@ -278,7 +281,139 @@ fn electrodes_on_the_rim_of_a_disk_run_either_way_from_a_given_angle() {
     assert!(centres(disk, "count = 4\nfirst_corner = \"lower_left\"").unwrap_err().contains("write `first_theta_rad"));
     assert!(centres(disk, "first_theta_rad = 1").unwrap_err().contains("a rim needs `count`"));
     let cylinder = "[body.cylinder]\nlength_m = 0.3\ndiameter_m = 0.1";
-    assert!(centres(cylinder, "count = 8").unwrap_err().contains("need a disk or a rectangle, not a cylinder"));
+    assert!(
+        centres(cylinder, "count = 8").unwrap_err().contains("need a disk, a rectangle or a polygon, not a cylinder")
+    );
+}
+
+/// The centres, mm, of electrodes of a shape at positions, each with its number and its own keys.
+fn placed(body: &str, shape: &str, positions: &[&str]) -> Result<Vec<[f64; 2]>, String> {
+    let positions: Vec<String> = positions.iter().map(|keys| format!("{{ {keys} }}")).collect();
+    let impedances = "contact_impedance_ohm_m = 0.01\ncontact_impedance_ohm_m2 = 1e-5";
+    let text = format!(
+        "{body}\n[sheet]\nsheet_resistance_ohm = 1000\ntouch = \"conductance_rises\"\n[electrodes]\nshape.{shape}\n\
+         {impedances}\n[electrodes.layout]\npositions = [{}]\n[protocol]\npattern = \"adjacent\"",
+        positions.join(", ")
+    );
+    let design = SkinDesign::parse(&text, "test.toml").map_err(|error| error.to_string())?;
+    Ok(design.electrodes.iter().map(|one| [0, 1].map(|axis| 1000.0 * one.centre_m[axis])).collect())
+}
+
+#[test]
+fn rounded_positions_on_an_edge_are_moved_to_it() {
+    let disk = "[body.disk]\ndiameter_m = 0.08";
+    let (arc, disc) = ("arc.length_m = 0.005", "disc.radius_m = 0.002");
+    // 45 degrees on a radius of 40 mm is 28.284271 mm; rounded to 0.01 mm it is inside.
+    let near =
+        ["x_m = 0.02828, y_m = 0.02828", "x_m = -0.0404, y_m = 0", "x_m = 0, y_m = -0.04", "x_m = 0.0396, y_m = 0"];
+    let found = placed(disk, arc, &near).unwrap();
+    assert!(found.iter().all(|[x, y]| (x.hypot(*y) - 40.0).abs() < 1e-9), "{found:?}");
+    assert!((found[0][0] - found[0][1]).abs() < 1e-9 && found[2] == [0.0, -40.0]);
+    // A disc may lie inside, but not beyond the edge.
+    let discs = ["x_m = 0.0401, y_m = 0", "x_m = 0.0399, y_m = -0.01", "x_m = 0, y_m = 0", "x_m = -0.03, y_m = 0"];
+    let found = placed(disk, disc, &[discs[0], "x_m = 0.0398, y_m = -0.001", discs[2], discs[3]]);
+    assert!(found.unwrap_err().contains("overlap"));
+    let found = placed(disk, disc, &[discs[0], "x_m = 0, y_m = 0.0399", discs[2], discs[3]]).unwrap();
+    assert_eq!(found[..2], [[40.0, 0.0], [0.0, 39.9]]);
+    let far = |shape: &str, keys: &str| placed(disk, shape, &[near[0], near[1], near[2], keys]).unwrap_err();
+    let error = far(arc, "x_m = 0.039, y_m = 0");
+    assert!(error.contains("electrode 3 is an arc, but its centre is 1 mm from the edge"), "{error}");
+    assert!(error.contains("move its centre there, or make the electrode a disc"), "{error}");
+    assert!(far(arc, "x_m = 0.041, y_m = 0").contains("electrode 3 leaves the body"));
+    assert!(far(disc, "x_m = 0.041, y_m = 0").contains("leaves the body"));
+    let rectangle = "[body.rectangle]\nwidth_m = 0.1\nheight_m = 0.06";
+    let sides =
+        ["x_m = 0.02, y_m = 0.0001", "x_m = 0.1003, y_m = 0.03", "x_m = 0.05, y_m = 0.0602", "x_m = 0, y_m = 0.02"];
+    let found = placed(rectangle, arc, &sides).unwrap();
+    for ([x, y], expected) in found.iter().zip([[20.0, 0.0], [100.0, 30.0], [50.0, 60.0], [0.0, 20.0]]) {
+        assert!((x - expected[0]).hypot(y - expected[1]) < 1e-9, "{x}, {y}");
+    }
+}
+
+#[test]
+fn positions_on_an_edge_are_given_by_angle_or_distance() {
+    let (disk, arc) = ("[body.disk]\ndiameter_m = 0.08", "arc.length_m = 0.005");
+    let angles = ["theta_rad = 0", "theta_rad = 1", "along_edge_m = 0.08", "theta_rad = -1"];
+    let found = placed(disk, arc, &angles).unwrap();
+    for (place, theta_rad) in found.iter().zip([0.0_f64, 1.0, 2.0, -1.0]) {
+        assert!(distance([place[0], place[1], 0.0], [40.0 * theta_rad.cos(), 40.0 * theta_rad.sin(), 0.0]) < 1e-9);
+    }
+    let rectangle = "[body.rectangle]\nwidth_m = 0.1\nheight_m = 0.06";
+    let along = ["along_edge_m = 0.01", "along_edge_m = 0.11", "along_edge_m = 0.2", "along_edge_m = 0.29"];
+    let found = placed(rectangle, arc, &along).unwrap();
+    for (place, expected) in found.iter().zip([[10.0, 0.0], [100.0, 10.0], [60.0, 60.0], [0.0, 30.0]]) {
+        assert!((place[0] - expected[0]).hypot(place[1] - expected[1]) < 1e-9, "{place:?}");
+    }
+    let wrong = |body: &str, keys: &str| placed(body, arc, &[keys, along[1], along[2], along[0]]).unwrap_err();
+    assert!(
+        wrong(rectangle, "along_edge_m = 0.33")
+            .contains("electrode 0: along_edge_m is 0.33: it must be between 0 and 0.32")
+    );
+    assert!(wrong(rectangle, "theta_rad = 1").contains("`x_m` and `y_m`, or on the edge `along_edge_m`"));
+    assert!(wrong(disk, "theta_rad = 1, x_m = 0").contains("or on the edge `theta_rad` or `along_edge_m`"));
+}
+
+#[test]
+fn a_polygon_has_electrodes_on_its_edge_and_inside() {
+    // An L whose edge is 0.8 m long, from its first corner to the right.
+    let polygon = "[body.polygon]\ncorners_m = [[0, 0], [0, 0.2], [0.1, 0.2], [0.1, 0.1], [0.2, 0.1], [0.2, 0]]";
+    let disc = "disc.radius_m = 0.004";
+    let places = ["along_edge_m = 0.05", "along_edge_m = 0.35", "along_edge_m = 0.7", "x_m = 0.05, y_m = 0.05"];
+    let found = placed(polygon, disc, &places).unwrap();
+    for (place, expected) in found.iter().zip([[50.0, 0.0], [150.0, 100.0], [0.0, 100.0], [50.0, 50.0]]) {
+        assert!((place[0] - expected[0]).hypot(place[1] - expected[1]) < 1e-9, "{place:?}");
+    }
+    let wrong = |body: &str, shape: &str, keys: &str| {
+        placed(body, shape, &[keys, places[1], places[2], places[3]]).unwrap_err()
+    };
+    let error = wrong(polygon, disc, "along_edge_m = 0.81");
+    assert!(error.contains("electrode 0: along_edge_m is 0.81: it must be between 0 and 0.8"), "{error}");
+    assert!(wrong(polygon, disc, "theta_rad = 0").contains("a place on a polygon is `x_m` and `y_m`, or on the edge"));
+    assert!(wrong(polygon, "arc.length_m = 0.01", places[0]).contains("a mesh file or a polygon cannot hold"));
+    let error = wrong(&polygon.replace("[0, 0.2], [0.1, 0.2]", "[0.1, 0.2], [0, 0.2]"), disc, places[0]);
+    assert!(error.contains("test.toml:2: corners_m: the side between corners"), "{error}");
+    let rim = |keys: &str| centres(polygon, keys);
+    assert_eq!(rim("per_side = 1").unwrap().len(), 6);
+    let [first, .., last] = rim("count = 8").unwrap()[..] else { panic!("8 electrodes") };
+    assert!((first[0] - 50.0).abs() < 1e-9 && first[1] == 0.0 && last[0] == 0.0 && (last[1] - 50.0).abs() < 1e-9);
+    assert!(rim("count = 8\nfirst_corner = \"lower_left\"").unwrap_err().contains("they begin at its first corner"));
+}
+
+/// The protocol of the tank with other keys of its pattern.
+fn patterned(keys: &str) -> Result<Protocol, String> {
+    let text = SkinDesign::shipped_text("tank16").unwrap();
+    let (before, after) = text.split_once("[protocol]").unwrap();
+    let rest = after.split_once("\n[").map_or("", |(_, rest)| rest);
+    let text = format!("{before}[protocol]\n{keys}\n[{rest}");
+    SkinDesign::parse(&text, "tank.toml").map(|design| design.protocol).map_err(|error| error.to_string())
+}
+
+#[test]
+fn drives_and_measures_have_the_distances_of_the_design() {
+    let protocol = patterned("pattern.distances = { drive = 5, measure = 3 }").unwrap();
+    assert_eq!(protocol, Protocol::distances(16, [5, 3], Driven::LeftOut).unwrap());
+    let protocol = patterned("pattern.distances = { drive = 1, with_driven = true }").unwrap();
+    assert_eq!(protocol, Protocol::adjacent(16).unwrap());
+    let error = patterned("pattern.distances = { drive = 32 }").unwrap_err();
+    assert!(error.contains("tank.toml:") && error.contains("distance 32 pairs every electrode with itself"), "{error}");
+    assert!(
+        patterned("pattern.distances = { drive = 5, measures = 1 }").unwrap_err().contains("did you mean `measure`?")
+    );
+}
+
+#[test]
+fn channels_are_listed_in_the_design_and_may_count_from_one() {
+    let expected = [Channel { drive: [0, 15], measure: [1, 2] }, Channel { drive: [3, 4], measure: [5, 6] }];
+    let zero = patterned("pattern.channels = [[0, 15, 1, 2], [3, 4, 5, 6]]").unwrap();
+    let one = patterned("first_electrode = 1\npattern.channels = [[1, 16, 2, 3], [4, 5, 6, 7]]").unwrap();
+    assert!(zero.channels() == expected && one == zero);
+    let error = patterned("pattern.channels = [[4, 5, 6, 7], [1, 16, 2, 3]]").unwrap_err();
+    assert!(error.contains("row 1 of `channels` names electrode 16"), "{error}");
+    assert!(error.contains("write `first_electrode = 1` in [protocol]"), "{error}");
+    assert!(patterned("pattern.channels = [[0, 0, 1, 2]]").unwrap_err().contains("drives electrode 0 against itself"));
+    assert!(patterned("pattern.channels = [[0, 1, 2]]").is_err());
+    let error = patterned("first_electrode = 1\npattern = \"adjacent\"").unwrap_err();
+    assert!(error.contains("`first_electrode` belongs to a pattern with a `table` or `channels`"), "{error}");
 }
 
 #[test]
@@ -293,26 +428,32 @@ fn the_schema_knows_the_tables() {
 
 #[test]
 fn what_no_workshop_can_make_is_named_with_its_line() {
+    // Only fabrication refuses it.
+    let unmakeable = |from: &str, to: &str| {
+        let text = GOOD.replacen(from, to, 1);
+        assert!(SkinDesign::parse(&text, "skin.toml").unwrap().check_fabrication().is_err(), "{to}");
+        parse_for_fabrication(&text, "skin.toml").unwrap_err().to_string()
+    };
     let line = line_of("wall_m");
-    let error = broken("wall_m = 0.005", "wall_m = 0.0025");
+    let error = unmakeable("wall_m = 0.005", "wall_m = 0.0025");
     assert!(
         error.starts_with(&format!("skin.toml:{line}: the wall (2.5 mm) is thinner than a bore (3 mm)")),
         "{error}"
     );
-    let error = broken("wall_m = 0.005", "wall_m = 5");
+    let error = unmakeable("wall_m = 0.005", "wall_m = 5");
     assert!(error.contains("wall_m is 5 m") && error.contains("lengths are in metres"), "{error}");
-    let error = broken("wall_m = 0.005", "wall_m = 0.0495");
+    let error = unmakeable("wall_m = 0.005", "wall_m = 0.0495");
     assert!(error.contains("a wall of 49.5 mm fills a cylinder of 100 mm diameter"), "{error}");
     // 62.8 mm apart on the surface, and 25.1 mm at the inner face of a wall of 30 mm: chords of 58.8 and 23.5 mm.
-    let error = broken("wall_m = 0.005\nbore_m = 0.003", "wall_m = 0.030\nbore_m = 0.024");
+    let error = unmakeable("wall_m = 0.005\nbore_m = 0.003", "wall_m = 0.030\nbore_m = 0.024");
     assert!(error.contains("meet: they overlap by 0.489 mm"), "{error}");
-    let error = broken("channel_depth_m = 0.002", "channel_depth_m = 0.0045");
+    let error = unmakeable("channel_depth_m = 0.002", "channel_depth_m = 0.0045");
     assert!(error.contains("leave 0.5 mm of the wall"), "{error}");
-    let error = broken("kerf_m = 0.0002", "kerf_m = 0.0002\nflange_m = 0.002");
+    let error = unmakeable("kerf_m = 0.0002", "kerf_m = 0.0002\nflange_m = 0.002");
     assert!(error.contains("too short for bores on the edge, which need 2.5 mm"), "{error}");
-    assert!(broken("patch_gap_m = 0.001", "patch_gap_m = 0.01").contains("nothing is left of patches 10 mm apart"));
-    assert!(broken("patch_pitch_m = 0.010", "patch_pitch_m = 0.31").contains("do not fit on a body of 300 mm"));
-    assert!(broken("kerf_m = 0.0002", "kerf_m = 0.002").contains("wider than the gaps of 1 mm"));
+    assert!(unmakeable("patch_gap_m = 0.001", "patch_gap_m = 0.01").contains("nothing is left of patches 10 mm apart"));
+    assert!(unmakeable("patch_pitch_m = 0.010", "patch_pitch_m = 0.31").contains("do not fit on a body of 300 mm"));
+    assert!(unmakeable("kerf_m = 0.0002", "kerf_m = 0.002").contains("wider than the gaps of 1 mm"));
     assert!(broken("kerf_m = 0.0002", "kerf_mm = 0.2").contains("did you mean `kerf_m`?"));
 }
 

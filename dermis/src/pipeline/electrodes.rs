@@ -41,6 +41,8 @@ const FOLLOWED: f64 = 2.0;
 /// The electrodes, drives and channels of a skin, and their relations.
 #[derive(Debug, Clone)]
 pub(super) struct ElectrodeTopology {
+    /// Whether each electrode is never used.
+    left_out: Vec<bool>,
     /// The drives of each electrode, and the electrodes of each drive.
     drives: Vec<Vec<usize>>,
     drive_ends: Vec<[usize; 2]>,
@@ -60,14 +62,15 @@ pub(super) struct ElectrodeTopology {
 }
 
 impl ElectrodeTopology {
-    /// Of a skin.
-    pub(super) fn of(skin: &Skin) -> Self {
+    /// Of a skin whose electrodes are used but for some.
+    pub(super) fn of(skin: &Skin, left_out: &[usize]) -> Self {
         let protocol = &skin.design().protocol;
         let (drives, drive_of) = protocol.drives();
         let electrodes = 0..skin.design().electrodes.len();
         let drives_of =
             |electrode: usize| (0..drives.len()).filter(|&drive| drives[drive].contains(&electrode)).collect();
         ElectrodeTopology {
+            left_out: electrodes.clone().map(|electrode| left_out.contains(&electrode)).collect(),
             drives: electrodes.clone().map(drives_of).collect(),
             contact_channels: electrodes.clone().map(|electrode| contact_channels(protocol, electrode)).collect(),
             channels: electrodes.clone().map(|electrode| skin.channels_of(electrode).collect()).collect(),
@@ -97,6 +100,20 @@ impl ElectrodeTopology {
     /// The drive of a channel.
     pub(super) fn drive_of(&self, channel: usize) -> usize {
         self.drive_of[channel]
+    }
+
+    /// Whether an electrode is never used.
+    pub(super) fn leaves_out(&self, electrode: usize) -> bool {
+        self.left_out[electrode]
+    }
+
+    /// The channels that use an electrode which is never used.
+    pub(super) fn left_out_channels(&self) -> Vec<usize> {
+        let electrodes = (0..self.left_out.len()).filter(|&electrode| self.left_out[electrode]);
+        let mut channels: Vec<usize> = electrodes.flat_map(|electrode| &self.channels[electrode]).copied().collect();
+        channels.sort_unstable();
+        channels.dedup();
+        channels
     }
 
     /// The drives of an electrode.
@@ -247,11 +264,14 @@ impl ElectrodeMonitor {
     ) -> Self {
         let loops = loop_statistics(topology, untouched);
         let usual_ohm = upper_median(&loops.mean).unwrap_or(f64::NAN);
-        let electrode = |drives: &Vec<usize>| {
+        let electrode = |(index, drives): (usize, &Vec<usize>)| {
             let loops_ohm = drives.iter().filter_map(|&drive| loops.mean.get(drive).copied());
-            Electrode::at_tare(loops_ohm.reduce(f64::min).map(|least_ohm| least_ohm / usual_ohm))
+            match topology.leaves_out(index) {
+                true => Electrode::left_out(),
+                false => Electrode::at_tare(loops_ohm.reduce(f64::min).map(|least_ohm| least_ohm / usual_ohm)),
+            }
         };
-        let electrodes = topology.drives.iter().map(electrode).collect();
+        let electrodes = topology.drives.iter().enumerate().map(electrode).collect();
         let mut monitor = ElectrodeMonitor {
             loops_ohm: loops.mean,
             loop_noise_ohm: loops.variance.into_iter().map(f64::sqrt).collect(),
@@ -292,6 +312,13 @@ impl ElectrodeMonitor {
             && self.electrodes.len() == topology.drives.len()
     }
 
+    /// Leaves electrodes out that were used when the state was written.
+    pub(super) fn leave_out(&mut self, topology: &ElectrodeTopology) {
+        for (electrode, _) in self.electrodes.iter_mut().zip(&topology.left_out).filter(|(_, left_out)| **left_out) {
+            *electrode = Electrode::left_out();
+        }
+    }
+
     /// Completes a state that was written before electrodes had trials.
     pub(super) fn restore(&mut self) {
         for electrode in self.electrodes.iter_mut().filter(|electrode| electrode.state != ElectrodeState::Sound) {
@@ -327,7 +354,7 @@ impl ElectrodeMonitor {
         for (index, electrode) in self.electrodes.iter_mut().enumerate() {
             let used = topology.drives[index].iter().copied().filter(|&drive| !about.sick_drives[drive]);
             let drives: Vec<usize> = used.collect();
-            if drives.is_empty() {
+            if drives.is_empty() || topology.left_out[index] {
                 continue;
             }
             let by_loops = drives.iter().map(|&drive| rises[drive] - common).fold(f64::INFINITY, f64::min);
@@ -441,6 +468,11 @@ fn loop_statistics(topology: &ElectrodeTopology, untouched: &[Measurement]) -> S
 }
 
 impl Electrode {
+    /// Never used: as one that carries no current.
+    fn left_out() -> Self {
+        Electrode::at_tare(Some(f64::INFINITY))
+    }
+
     /// At the tare; `loop_ratio`: its smallest loop over the median loop, if it is driven and loops are measured.
     fn at_tare(loop_ratio: Option<f64>) -> Self {
         let state = match loop_ratio {

@@ -157,8 +157,9 @@ impl Pipeline {
     /// An unknown method, a setting out of its range, a state of another skin.
     pub fn resume(methods: Arc<MethodSet>, mut state: State) -> Result<Self, PipelineError> {
         let skin = methods.skin();
-        state.settings.check(skin.pixels())?;
-        let (fitter, topology) = (DriftFitter::new(skin.clone())?, ElectrodeTopology::of(skin));
+        state.settings.check(skin)?;
+        let topology = ElectrodeTopology::of(skin, &state.settings.left_out_electrodes);
+        let fitter = DriftFitter::new(skin.clone())?;
         state.restore(&topology);
         state.check(&topology, fitter.modes().rows)?;
         let method = state.settings.method_of(&methods, &state.settings.method)?.clone();
@@ -327,7 +328,7 @@ impl Pipeline {
     }
 
     fn set(&mut self, settings: Settings) -> Result<(), PipelineError> {
-        settings.check(self.skin().pixels())?;
+        settings.check(self.skin())?;
         self.state.settings = settings;
         self.prepare_detector();
         Ok(())

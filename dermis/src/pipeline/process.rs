@@ -124,7 +124,9 @@ impl Pipeline {
             self.state.phase = Phase::Taring { frames };
             return Ok(Outcome::invalid(InvalidReason::Tare));
         }
-        match tare::judge(frames, self.methods.skin(), self.fitter.modes(), self.state.settings.force_tare)? {
+        let left_out = self.topology.left_out_channels();
+        let is_forced = self.state.settings.force_tare;
+        match tare::judge(frames, &left_out, self.methods.skin(), self.fitter.modes(), is_forced)? {
             Ok(Tared { frames, doubt }) => {
                 self.refusal = None;
                 self.finish_tare(&frames, at)?;
@@ -196,6 +198,7 @@ impl Pipeline {
     fn warn_after_tare(&mut self, at: Timestamp) {
         let Phase::Reading(reading) = &self.state.phase else { return };
         let mut warnings: Vec<String> = (reading.electrodes.confirmed())
+            .filter(|&electrode| !self.topology.leaves_out(electrode))
             .map(|electrode| {
                 format!(
                     "electrode {electrode} carries hardly any current and its channels are masked: check its wire and its \

@@ -5,6 +5,7 @@ use crate::geom::vector::distance;
 use crate::image::PixelSpace;
 use crate::method::{Method, MethodSet};
 use crate::pipeline::error::PipelineError;
+use crate::skin::Skin;
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroU32;
 
@@ -25,6 +26,9 @@ pub struct Settings {
     /// [sign](crate::contact::Contact::conductance). Linear methods only.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub both_signs: bool,
+    /// Electrodes that are not used, as if they were disconnected: the channels of each are masked, and its state is open.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub left_out_electrodes: Vec<usize>,
     /// Whether a tare accepts frames that are unlike the model of the design, as differences from the untouched skin, and frames
     /// that are all the same, as those of a simulation without noise. The end of a touch and drift are not told by the model then.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
@@ -39,6 +43,7 @@ impl Default for Settings {
             zones: Vec::new(),
             tare_frames: 100,
             both_signs: false,
+            left_out_electrodes: Vec::new(),
             force_tare: false,
         }
     }
@@ -65,11 +70,16 @@ fn is_threshold(value: f64) -> bool {
 }
 
 impl Settings {
-    /// Checks the settings for a skin with some pixels.
+    /// Checks the settings for a skin.
     ///
     /// # Errors
     /// A setting out of its range, with its value.
-    pub fn check(&self, pixels: &PixelSpace) -> Result<(), PipelineError> {
+    pub fn check(&self, skin: &Skin) -> Result<(), PipelineError> {
+        let count = skin.design().electrodes.len();
+        if let Some(electrode) = self.left_out_electrodes.iter().find(|&&electrode| electrode >= count) {
+            let message = format!("electrode {electrode} is left out, but the skin has electrodes 0 to {}", count - 1);
+            return Err(PipelineError::Setting(message));
+        }
         if !is_threshold(self.threshold) {
             let message = format!("the threshold is {}: it must be from 1e-6 to 1e6", self.threshold);
             return Err(PipelineError::Setting(message));
@@ -78,7 +88,7 @@ impl Settings {
             let message = format!("a tare of {} frames: it must be from 8 to 100,000", self.tare_frames);
             return Err(PipelineError::Setting(message));
         }
-        self.zones.iter().try_for_each(|zone| zone.check(pixels))
+        self.zones.iter().try_for_each(|zone| zone.check(skin.pixels()))
     }
 
     /// The method of this name, if it can find what the settings ask for.

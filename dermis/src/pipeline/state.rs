@@ -160,7 +160,8 @@ impl State {
 }
 
 impl State {
-    /// Completes a state that was written before the instrument was monitored, or before methods were adapted.
+    /// Completes a state that was written before the instrument was monitored, before methods were adapted, or before electrodes
+    /// were left out.
     pub(super) fn restore(&mut self, topology: &ElectrodeTopology) {
         let Phase::Reading(reading) = &mut self.phase else { return };
         if reading.rest_ohm.is_empty() {
@@ -171,6 +172,7 @@ impl State {
             reading.trials = TrialMeans::new(topology.channel_count());
             reading.electrodes.restore();
         }
+        reading.electrodes.leave_out(topology);
     }
 }
 

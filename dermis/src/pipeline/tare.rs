@@ -71,9 +71,10 @@ impl Refusal {
     }
 }
 
-/// Judges the frames of a tare. `is_forced` accepts equal frames and frames unlike the model.
+/// Judges the frames of a tare without some channels. `is_forced` accepts equal frames and frames unlike the model.
 pub(super) fn judge(
     frames: Vec<Measurement>,
+    left_out: &[usize],
     skin: &Skin,
     modes: &Matrix,
     is_forced: bool,
@@ -86,7 +87,7 @@ pub(super) fn judge(
         .collect();
     let median = Frame(median);
     // Broken channels are found by their own checks: they hardly count in the comparison.
-    let found = Plausibility::new(protocol, &model, &[]).of_baseline(&median);
+    let found = Plausibility::new(protocol, &model, left_out).of_baseline(&median);
     match found.as_ref().filter(|found| found.is_fault()) {
         Some(found) if !is_forced || found.kind == FindingKind::Dead => {
             return Ok(Err((Refusal::Unlike(Box::new(found.clone())), frames)));
@@ -169,8 +170,9 @@ mod tests {
     fn taps_are_left_out_and_long_ones_wait() {
         let skin = Skin::load("cylinder30").unwrap();
         let fitter = DriftFitter::new(skin.clone()).unwrap();
-        let judged =
-            |touch: f64, span: [usize; 2]| judge(frames(&skin, touch, span, 5), &skin, fitter.modes(), false).unwrap();
+        let judged = |touch: f64, span: [usize; 2]| {
+            judge(frames(&skin, touch, span, 5), &[], &skin, fitter.modes(), false).unwrap()
+        };
         for touch in [0.5, 50.0] {
             let untouched = judged(0.0, [0, 0]).map_err(|(refusal, _)| refusal).unwrap();
             assert_eq!((untouched.frames.len(), untouched.doubt), (100, None));
@@ -199,7 +201,7 @@ mod tests {
                 values_ohm: (0..model.len()).map(|channel| value(index, channel)).collect(),
                 ..Measurement::default()
             };
-            judge((0..100).map(frame).collect(), &skin, fitter.modes(), is_forced)
+            judge((0..100).map(frame).collect(), &[], &skin, fitter.modes(), is_forced)
                 .unwrap()
                 .err()
                 .map(|(refusal, _)| refusal)

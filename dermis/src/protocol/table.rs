@@ -16,6 +16,9 @@ pub(crate) const CHANNEL_COLUMNS: [&str; 5] =
 pub const SCAN_COLUMNS: [&str; 6] =
     ["slot", CHANNEL_COLUMNS[1], CHANNEL_COLUMNS[2], CHANNEL_COLUMNS[3], CHANNEL_COLUMNS[4], CHANNEL_COLUMNS[0]];
 
+/// The columns of a table of quadripoles, as geophysics writes them: current enters at a and leaves at b, m is plus, n minus.
+const QUADRIPOLE_COLUMNS: [&str; 4] = ["a", "b", "m", "n"];
+
 impl Protocol {
     /// A protocol from a channel table, a CSV file with the columns
     /// `channel,drive_source,drive_sink,measure_plus,measure_minus` and a row per value of a frame, or from a scan
@@ -24,6 +27,21 @@ impl Protocol {
     /// # Errors
     /// A file that cannot be read; the errors of [`parse_csv`](Self::parse_csv).
     pub fn load(path: &Path, electrode_count: usize) -> Result<Self, ProtocolError> {
+        Self::load_numbered(path, electrode_count, None)
+    }
+
+    /// As [`load`](Self::load), from a table whose first electrode has a number of its own, usually 1. The table may also have
+    /// the columns `a`, `b`, `m` and `n` of geophysics, in any order and among others that are not read, separated by
+    /// commas, semicolons, tabs or spaces.
+    ///
+    /// # Errors
+    /// A file that cannot be read; the errors of [`parse_csv`](Self::parse_csv); columns a, b, m, n without
+    /// `first_electrode`.
+    pub fn load_numbered(
+        path: &Path,
+        electrode_count: usize,
+        first_electrode: Option<usize>,
+    ) -> Result<Self, ProtocolError> {
         let name = path.display().to_string();
         let unreadable = |error: std::io::Error| ProtocolError::Table {
             path: name.clone(),
@@ -31,7 +49,7 @@ impl Protocol {
             message: format!("cannot read the channel table: {error}"),
         };
         let text = read_text_at_most(path, LARGEST_TABLE).map_err(unreadable)?;
-        Self::parse_csv(&text, &name, electrode_count)
+        Self::parse_csv_numbered(&text, &name, electrode_count, first_electrode)
     }
 
     /// A protocol from the text of a channel table or a scan table; errors contain `path`. Of a scan table, readings
@@ -41,6 +59,19 @@ impl Protocol {
     /// A wrong header, a row of another length, a field that is not a number, channels or slots out of order, a channel
     /// that is missing or there twice (each with its line); a protocol that [`new`](Self::new) refuses.
     pub fn parse_csv(text: &str, path: &str, electrode_count: usize) -> Result<Self, ProtocolError> {
+        Self::parse_csv_numbered(text, path, electrode_count, None)
+    }
+
+    /// As [`parse_csv`](Self::parse_csv), with the tables of [`load_numbered`](Self::load_numbered).
+    ///
+    /// # Errors
+    /// Those of [`parse_csv`](Self::parse_csv); columns a, b, m, n without `first_electrode`.
+    pub fn parse_csv_numbered(
+        text: &str,
+        path: &str,
+        electrode_count: usize,
+        first_electrode: Option<usize>,
+    ) -> Result<Self, ProtocolError> {
         let wrong = |(line, message): (usize, String)| ProtocolError::Table {
             path: path.to_string(),
             line: line as u64,
@@ -51,15 +82,22 @@ impl Protocol {
         let header = lines.next().map_or("", |(_, header)| header);
         let is = |columns: &[&str]| header.split(',').map(str::trim).eq(columns.iter().copied());
         let rows = lines.filter(|(_, row)| !row.is_empty());
-        let channels = if is(&CHANNEL_COLUMNS) {
-            channel_rows(rows).map_err(wrong)?
+        let first = first_electrode.unwrap_or(0);
+        let rows = if is(&CHANNEL_COLUMNS) {
+            channel_rows(rows, first)
         } else if header.split(',').map(str::trim).take(SCAN_COLUMNS.len()).eq(SCAN_COLUMNS) {
-            scan_rows(rows, header.split(',').count()).map_err(wrong)?
+            scan_rows(rows, header.split(',').count())
+        } else if let Some(columns) = quadripole_columns(header) {
+            quadripole_rows(rows, columns, first_electrode)
         } else {
             let [channels, scan] = [CHANNEL_COLUMNS.join(","), SCAN_COLUMNS.join(",")];
-            let message = format!("the header is `{header}`, but it must be `{channels}`, or `{scan}` of a scan table");
-            return Err(wrong((1, message)));
+            let message = format!(
+                "the header is `{header}`, but it must be `{channels}`, or `{scan}` of a scan table, or have the columns \
+                 a, b, m and n"
+            );
+            Err((1, message))
         };
+        let channels = rows.and_then(|rows| numbered(&rows, electrode_count, first)).map_err(wrong)?;
         Self::new(electrode_count, channels)
     }
 }
@@ -67,59 +105,141 @@ impl Protocol {
 /// A line and what is wrong with it.
 type Wrong = (usize, String);
 
+/// A line, and the electrodes of its drive and measure pair as it numbers them.
+type Row = (usize, [usize; 4]);
+
+/// The channels of rows whose electrodes count from `first`.
+pub(crate) fn numbered(rows: &[Row], electrode_count: usize, first: usize) -> Result<Vec<Channel>, Wrong> {
+    let all = || rows.iter().flat_map(|(_, electrodes)| electrodes);
+    let channel = |&(line, electrodes): &Row| {
+        if let Some(wrong) = electrodes.into_iter().find(|&number| number < first || number - first >= electrode_count)
+        {
+            let last = (first + electrode_count).saturating_sub(1);
+            let fix = match wrong {
+                // Only a table that counts from 1 has the last number and no 0.
+                wrong if first == 0 && wrong == electrode_count && all().all(|&number| number > 0) => {
+                    " (if the table counts from 1, write `first_electrode = 1` in [protocol])"
+                }
+                wrong if wrong < first => {
+                    " (a pole at infinity cannot be: the current leaves the sheet at an electrode)"
+                }
+                _ => "",
+            };
+            return Err((line, format!("names electrode {wrong}, but the skin has electrodes {first} to {last}{fix}")));
+        }
+        let [source, sink, plus, minus] = electrodes.map(|number| number - first);
+        Ok(Channel { drive: [source, sink], measure: [plus, minus] })
+    };
+    rows.iter().map(channel).collect()
+}
+
 /// The numbers of a row.
-fn numbers(line: usize, fields: &[&str]) -> Result<Vec<usize>, Wrong> {
-    let number =
-        |text: &&str| text.parse().map_err(|_| (line, format!("`{text}` is no electrode's number (0, 1, 2, ...)")));
-    fields.iter().map(number).collect()
+fn numbers<const N: usize>(line: usize, fields: [&str; N]) -> Result<[usize; N], Wrong> {
+    let mut numbers = [0; N];
+    for (number, text) in numbers.iter_mut().zip(fields) {
+        *number = text.parse().map_err(|_| (line, format!("`{text}` is no electrode's number (0, 1, 2, ...)")))?;
+    }
+    Ok(numbers)
 }
 
 /// The fields of a row of some columns.
-fn fields(line: usize, row: &str, columns: usize) -> Result<Vec<&str>, Wrong> {
-    let fields: Vec<&str> = row.split(',').map(str::trim).collect();
+fn fields(line: usize, fields: Vec<&str>, columns: usize) -> Result<Vec<&str>, Wrong> {
     match fields.len() {
         count if count == columns => Ok(fields),
         count => Err((line, format!("{count} values, but there are {columns} columns"))),
     }
 }
 
-/// The rows of a channel table.
-fn channel_rows<'a>(rows: impl Iterator<Item = (usize, &'a str)>) -> Result<Vec<Channel>, Wrong> {
-    let mut channels = Vec::new();
+/// The fields between commas.
+fn between_commas(row: &str) -> Vec<&str> {
+    row.split(',').map(str::trim).collect()
+}
+
+/// The rows of a channel table. Its channels count from 0, or as its electrodes.
+fn channel_rows<'a>(rows: impl Iterator<Item = (usize, &'a str)>, first: usize) -> Result<Vec<Row>, Wrong> {
+    let mut channels: Vec<Row> = Vec::new();
+    let mut from = 0;
     for (line, row) in rows {
-        let numbers = numbers(line, &fields(line, row, CHANNEL_COLUMNS.len())?)?;
-        if numbers[0] != channels.len() {
-            return Err((line, format!("channel {}, but {} comes next", numbers[0], channels.len())));
+        let fields = fields(line, between_commas(row), CHANNEL_COLUMNS.len())?;
+        let [channel, electrodes @ ..] = numbers(line, [0, 1, 2, 3, 4].map(|column| fields[column]))?;
+        if channels.is_empty() && channel == first {
+            from = first;
         }
-        channels.push(Channel { drive: [numbers[1], numbers[2]], measure: [numbers[3], numbers[4]] });
+        let next = from + channels.len();
+        if channel != next {
+            return Err((line, format!("channel {channel}, but {next} comes next")));
+        }
+        channels.push((line, electrodes));
     }
     Ok(channels)
 }
 
-/// The rows of a scan table.
-fn scan_rows<'a>(rows: impl Iterator<Item = (usize, &'a str)>, columns: usize) -> Result<Vec<Channel>, Wrong> {
-    let mut found: Vec<(usize, usize, Channel)> = Vec::new();
+/// The number of columns of a table of quadripoles, and those of a, b, m and n.
+type Quadripoles = (usize, [usize; 4]);
+
+/// The fields of a row with one of the separators of quadripoles.
+fn separated(row: &str) -> Vec<&str> {
+    match [',', ';'].into_iter().find(|&separator| row.contains(separator)) {
+        Some(separator) => row.split(separator).map(str::trim).collect(),
+        None => row.split_whitespace().collect(),
+    }
+}
+
+/// The columns of a header that names a, b, m and n, once each.
+fn quadripole_columns(header: &str) -> Option<Quadripoles> {
+    let names = separated(header.trim_start_matches('#').trim_start());
+    let mut columns = [0; 4];
+    for (column, wanted) in columns.iter_mut().zip(QUADRIPOLE_COLUMNS) {
+        let is_wanted = |name: &&str| name.trim_matches('"').eq_ignore_ascii_case(wanted);
+        *column = names.iter().position(is_wanted)?;
+        names[*column + 1..].iter().all(|name| !is_wanted(name)).then_some(())?;
+    }
+    Some((names.len(), columns))
+}
+
+/// The rows of a table of quadripoles.
+fn quadripole_rows<'a>(
+    rows: impl Iterator<Item = (usize, &'a str)>,
+    (count, columns): Quadripoles,
+    first_electrode: Option<usize>,
+) -> Result<Vec<Row>, Wrong> {
+    if first_electrode.is_none() {
+        let message = "the electrodes of columns a, b, m, n count from 0 or from 1: write `first_electrode = 1` or \
+                       `first_electrode = 0` in [protocol]";
+        return Err((1, message.into()));
+    }
+    let row = |(line, row)| {
+        let fields = fields(line, separated(row), count)?;
+        Ok((line, numbers(line, columns.map(|column| fields[column]))?))
+    };
+    rows.map(row).collect()
+}
+
+/// The rows of a scan table, in the order of their channels.
+fn scan_rows<'a>(rows: impl Iterator<Item = (usize, &'a str)>, columns: usize) -> Result<Vec<Row>, Wrong> {
+    let mut found: Vec<(usize, Row)> = Vec::new();
     for (next, (line, row)) in rows.enumerate() {
-        let fields = &fields(line, row, columns)?[..SCAN_COLUMNS.len()];
-        let first = numbers(line, &fields[..3])?;
-        if first[0] != next {
-            return Err((line, format!("slot {}, but {next} comes next", first[0])));
+        let fields = fields(line, between_commas(row), columns)?;
+        let [slot, source, sink] = numbers(line, [0, 1, 2].map(|column| fields[column]))?;
+        if slot != next {
+            return Err((line, format!("slot {slot}, but {next} comes next")));
         }
-        if fields[3..].iter().all(|field| field.is_empty()) {
+        let rest = [3, 4, 5].map(|column| fields[column]);
+        if rest == ["", "", ""] {
             continue;
         }
-        let rest = numbers(line, &fields[3..])?;
-        found.push((rest[2], line, Channel { drive: [first[1], first[2]], measure: [rest[0], rest[1]] }));
+        let [plus, minus, channel] = numbers(line, rest)?;
+        found.push((channel, (line, [source, sink, plus, minus])));
     }
-    found.sort_by_key(|(channel, line, _)| (*channel, *line));
-    if let Some((next, (channel, line, _))) = found.iter().enumerate().find(|(next, (channel, ..))| channel != next) {
+    found.sort_by_key(|&(channel, (line, _))| (channel, line));
+    if let Some((next, (channel, (line, _)))) = found.iter().enumerate().find(|(next, (channel, _))| channel != next) {
         let message = match channel < &next {
             true => format!("channel {channel} is there twice"),
             false => format!("channel {channel}, but channel {next} is missing"),
         };
         return Err((*line, message));
     }
-    Ok(found.into_iter().map(|(.., channel)| channel).collect())
+    Ok(found.into_iter().map(|(_, row)| row).collect())
 }
 
 #[cfg(test)]
@@ -144,6 +264,50 @@ mod tests {
         assert!(message("0,5,5,2,3\n").contains("drives electrode 5 against itself"));
         assert!(message("").contains("no channel"));
         assert!(Protocol::parse_csv("0,0,1,2,3\n", "t.csv", 8).unwrap_err().to_string().contains("header"));
+    }
+
+    #[test]
+    fn tables_that_count_from_one_are_read_and_suggested() {
+        let header = "channel,drive_source,drive_sink,measure_plus,measure_minus\n";
+        let read = |text: &str, first| Protocol::parse_csv_numbered(text, "t.csv", 8, first);
+        for rows in ["1,1,2,3,4\n2,2,3,4,8\n", "0,1,2,3,4\n1,2,3,4,8\n"] {
+            let protocol = read(&format!("{header}{rows}"), Some(1)).unwrap();
+            assert_eq!(protocol.channels()[1], Channel { drive: [1, 2], measure: [3, 7] }, "{rows}");
+        }
+        let message = |rows: &str, first| read(&format!("{header}{rows}"), first).unwrap_err().to_string();
+        let error = message("0,1,2,3,4\n1,2,3,4,8\n", None);
+        assert!(
+            error.starts_with("t.csv, line 3: names electrode 8, but the skin has electrodes 0 to 7 (if"),
+            "{error}"
+        );
+        assert!(error.contains("write `first_electrode = 1` in [protocol]"), "{error}");
+        assert!(!message("0,0,2,3,4\n1,2,3,4,8\n", None).contains("first_electrode"), "a table with a 0");
+        assert!(message("1,1,2,3,9\n", Some(1)).contains("electrode 9, but the skin has electrodes 1 to 8"));
+        assert!(message("1,1,2,3,4\n3,1,2,3,4\n", Some(1)).contains("channel 3, but 2 comes next"));
+    }
+
+    #[test]
+    fn quadripoles_are_read_by_the_names_of_their_columns() {
+        let read = |text: &str, first| Protocol::parse_csv_numbered(text, "t.csv", 8, first);
+        let expected = Channel { drive: [0, 3], measure: [1, 2] };
+        for text in
+            ["A,B,M,N,R\n1,4,2,3,0.5\n", "# a b m n\n1 4 2 3\n", "m;n;a;b\r\n2;3;1;4\r\n", "n\ta\tm\tb\n3\t1\t2\t4"]
+        {
+            assert_eq!(read(text, Some(1)).unwrap().channels(), [expected], "{text}");
+        }
+        assert_eq!(read("a,b,m,n\n0,3,1,2\n", Some(0)).unwrap().channels(), [expected]);
+        let message = |text: &str, first| read(text, first).unwrap_err().to_string();
+        assert!(
+            message("a,b,m,n\n1,4,2,3\n", None)
+                .contains("t.csv, line 1: the electrodes of columns a, b, m, n count from")
+        );
+        assert!(
+            message("a,b,m,n\n1,0,2,3\n", Some(1))
+                .contains("line 2: names electrode 0, but the skin has electrodes 1 to 8 (a pole")
+        );
+        assert!(message("a,b,m,n\n1,-1,2,3\n", Some(0)).contains("line 2: `-1` is no electrode's number"));
+        assert!(message("a,b,m,n\n1,2,3\n", Some(1)).contains("line 2: 3 values, but there are 4 columns"));
+        assert!(message("a,b,m,m\n1,2,3,4\n", Some(1)).contains("the header is `a,b,m,m`"));
     }
 
     #[test]
