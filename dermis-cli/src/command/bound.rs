@@ -49,7 +49,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", value_parser = count(0..=1023usize))]
     without_electrode: Vec<usize>,
     /// Compute the separation of two presses at every N-th place; 0: nowhere.
-    #[arg(long, value_name = "N", default_value_t = 13, value_parser = count(0..=1_000_000usize))]
+    #[arg(long, value_name = "N", default_value_t = 29, value_parser = count(0..=1_000_000usize))]
     separation_step: usize,
     /// Write the bounds of every place (CSV).
     #[arg(short, long, value_name = "FILE")]

@@ -9,6 +9,7 @@ use crate::method::METHOD_HELP;
 use crate::range::{Part, number, part, size};
 use crate::source::{PageArguments, SourceArguments};
 use clap::Args;
+use dermis::design::SkinDesign;
 use dermis::files::read_text_at_most;
 use dermis::frame::write_whole;
 use dermis::method::{MethodSet, is_path};
@@ -117,16 +118,16 @@ impl Arguments {
     /// Reads the skin until interrupted.
     pub fn run(self) -> Outcome {
         self.check_folders()?;
-        let skin = Skin::load(&self.design)?;
-        let left_out = self.leave_out.of(&skin.design().protocol)?;
+        let design = SkinDesign::load(&self.design)?;
+        let left_out = self.leave_out.of(&design.protocol)?;
         let state = self.kept_state(&left_out)?;
         let (live, emulator) = match self.source.recording() {
-            Some(recording) => (self.play(&self.methods(skin)?, recording)?, None),
+            Some(recording) => (self.play(&self.methods()?, recording)?, None),
             None => {
                 // The emulated device is made meanwhile.
                 let (methods, source) = std::thread::scope(|scope| {
-                    let source = scope.spawn(|| self.source.address(skin.design()));
-                    let methods = self.methods(skin.clone());
+                    let source = scope.spawn(|| self.source.address(&design));
+                    let methods = self.methods();
                     (methods, source.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
                 });
                 let (address, emulator) = source?;
@@ -145,9 +146,10 @@ impl Arguments {
         }
     }
 
-    /// The methods of a skin.
-    fn methods(&self, skin: Skin) -> Outcome<Arc<MethodSet>> {
+    /// The skin with its methods.
+    fn methods(&self) -> Outcome<Arc<MethodSet>> {
         let _waiting = crate::console::Progress::waiting("preparing");
+        let skin = Skin::load(&self.design)?;
         Ok(Arc::new(MethodSet::new(&dermis_learn::methods(), skin, self.method.as_deref())?))
     }
 

@@ -1,6 +1,6 @@
 //! The smallest force that is found.
 
-use super::{Bounds, difference};
+use super::{Bounds, difference, smallest};
 use crate::elementary::erfc;
 use crate::twin::Press;
 use dermis::geom::Point3;
@@ -11,7 +11,7 @@ use std::f64::consts::SQRT_2;
 /// Probability that a press of the smallest force is found in a frame.
 const FOUND: f64 = 0.9;
 /// Forces between which the smallest is sought, N.
-const FORCES_N: [f64; 2] = [1e-4, 20.0];
+pub(super) const FORCES_N: [f64; 2] = [1e-4, 20.0];
 /// Relative accuracy of the smallest force.
 const ACCURACY: f64 = 1e-3;
 
@@ -26,23 +26,27 @@ impl Bounds {
     /// # Errors
     /// A place off the skin.
     pub fn smallest_force_n(&self, place_m: Point3, places: usize) -> crate::Result<Option<f64>> {
+        self.smallest_force_up_to(place_m, places, FORCES_N[1])
+    }
+
+    /// The same, `None` if it is above a force.
+    pub(super) fn smallest_force_up_to(
+        &self,
+        place_m: Point3,
+        places: usize,
+        most_n: f64,
+    ) -> crate::Result<Option<f64>> {
         let needed = self.threshold(places) + normal_quantile(1.0 - FOUND);
-        let visible = |force_n: f64| -> crate::Result<bool> {
-            Ok(self.deflection(&Press { force_n, ..self.press(place_m) })? >= needed)
-        };
+        let deflection = |force_n: f64| self.deflection(&Press { force_n, ..self.press(place_m) });
         // Foam that a strong press would crush: the largest force that it bears.
-        let [mut low, mut high] = FORCES_N;
+        let [low, mut high] = [FORCES_N[0], most_n];
         while self.clean(&[Press { force_n: high, ..self.press(place_m) }]).is_err() && high > low {
             high *= 0.7;
         }
-        if high <= low || !visible(high)? {
+        if high <= low {
             return Ok(None);
         }
-        while high > low * (1.0 + ACCURACY) {
-            let middle = (low * high).sqrt();
-            if visible(middle)? { high = middle } else { low = middle }
-        }
-        Ok(Some(high))
+        smallest([low, high], needed, 1.0, ACCURACY, deflection)
     }
 
     /// The probability with which a press is found in a frame at one false alarm an hour, by the test of

@@ -1,5 +1,6 @@
 //! The bounds over a whole skin.
 
+use super::detection::FORCES_N;
 use super::{BoundError, BoundOptions, Bounds};
 use crate::twin::TwinOptions;
 use dermis::design::SkinDesign;
@@ -26,9 +27,9 @@ pub struct MapOptions {
 }
 
 impl Default for MapOptions {
-    /// All electrodes, and the separation at every 13th pixel.
+    /// All electrodes, and the separation at every 29th pixel.
     fn default() -> Self {
-        MapOptions { bound: BoundOptions::default(), without_electrodes: Vec::new(), separation_step: 13 }
+        MapOptions { bound: BoundOptions::default(), without_electrodes: Vec::new(), separation_step: 29 }
     }
 }
 
@@ -127,7 +128,7 @@ fn place(
     let response = bounds[0].response(&press, normal)?;
     let is_separated = bounds[0].has_chart() && separation_step > 0 && pixel.is_multiple_of(separation_step);
     // What is enough for one frame is enough for the mean of several.
-    let mut enough_m = [None; 2];
+    let (mut enough_m, mut enough_n) = ([None; 2], FORCES_N[1]);
     let mut of = |bounds: &Bounds| -> crate::Result<PlaceBounds> {
         let position = bounds.position_from(&press, &response);
         let mut separation_m = None;
@@ -136,11 +137,13 @@ fn place(
             separation_m = found[0].zip(found[1]).map(|(first, second)| first.max(second));
             enough_m = found;
         }
+        let smallest_force_n = bounds.smallest_force_up_to(position_m, pixels.len(), enough_n)?;
+        enough_n = smallest_force_n.unwrap_or(enough_n);
         Ok(PlaceBounds {
             position_m,
             sd_m: position.map(|bound| bound.sd_m),
             force_sd_n: position.map(|bound| bound.force_sd_n),
-            smallest_force_n: bounds.smallest_force_n(position_m, pixels.len())?,
+            smallest_force_n,
             separation_m,
         })
     };

@@ -27,6 +27,7 @@ mod separation;
 pub use error::BoundError;
 pub use map::{BoundMap, MapOptions, PlaceBounds, SkinBounds, Spread, map_bounds};
 
+use crate::elementary::{ln, powf};
 use crate::noise::Noise;
 use crate::twin::{Press, TouchOptions, Twin, TwinError, TwinOptions};
 use dermis::design::{SheetKind, SkinDesign};
@@ -305,6 +306,41 @@ fn equations(columns: &[Vec<f64>; PARAMETERS], residuals: &[f64], log_radius: f6
     normal
 }
 
+/// Steps of [`smallest`] before it halves the bracket at least every second time.
+const FREE_STEPS: usize = 5;
+
+/// The smallest value in a range at which a growing function reaches a level, to a relative accuracy; `None` if the largest is
+/// not enough. From the smallest value that is enough the next is guessed by a power law, whose first exponent is given;
+/// where that leads out of the bracket, and in every second step after the first ones, the bracket is halved.
+fn smallest(
+    [mut low, mut high]: [f64; 2],
+    level: f64,
+    mut power: f64,
+    accuracy: f64,
+    function: impl Fn(f64) -> crate::Result<f64>,
+) -> crate::Result<Option<f64>> {
+    let mut of_high = function(high)?;
+    if of_high < level {
+        return Ok(None);
+    }
+    for step in 0usize.. {
+        if high <= (1.0 + accuracy) * low {
+            break;
+        }
+        let guess = high * powf(level / of_high, 1.0 / power) * (1.0 + 0.5 * accuracy);
+        let is_inside = guess > low && (step < FREE_STEPS || step.is_multiple_of(2));
+        let next = if is_inside { guess.min(high / (1.0 + accuracy)) } else { (low * high).sqrt() };
+        let found = function(next)?;
+        if found < level {
+            low = next;
+            continue;
+        }
+        power = (ln(of_high / found) / ln(high / next)).clamp(0.5 * power, 2.0 * power);
+        (high, of_high) = (next, found);
+    }
+    Ok(Some(high))
+}
+
 /// A design with a mesh that is as fine as the contact of a tip on its coating needs: edges of 0.6 of its radius, but no shorter
 /// than a quarter and no longer than twice those of the design. The mesh of a volume is kept.
 pub fn refined(design: &SkinDesign, options: &BoundOptions) -> SkinDesign {
@@ -365,6 +401,33 @@ fn quotient(forward: &[f64], back: &[f64], step: f64) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_smallest_value_that_is_enough() {
+        let calls = std::cell::Cell::new(0);
+        let counted = |function: fn(f64) -> f64| {
+            let calls = &calls;
+            move |at: f64| -> crate::Result<f64> {
+                calls.set(calls.get() + 1);
+                Ok(function(at))
+            }
+        };
+        // A power law, one with another exponent than the first guess, one that saturates, a step.
+        let functions: [(fn(f64) -> f64, f64); 4] = [
+            (|at| at.powi(4), 1.0),
+            (|at| at, 1.0),
+            (|at| 2.0 * at / (1.0 + at), 1.0),
+            (|at| 1e9 * f64::from(at > 3.0), 3.0),
+        ];
+        for (function, exact) in functions {
+            calls.set(0);
+            let found = smallest([1e-4, 20.0], 1.0, 4.0, 1e-3, counted(function)).unwrap().unwrap();
+            assert!(found >= exact && found <= 1.001 * exact * (1.0 + 1e-12), "{found} for {exact}");
+            println!("{} calls", calls.get());
+            assert!(calls.get() <= 30, "{}", calls.get());
+        }
+        assert_eq!(smallest([1e-4, 20.0], 1.0, 1.0, 1e-3, |_| Ok(0.5)).unwrap(), None);
+    }
 
     #[test]
     fn the_mean_error_of_a_normal_estimate() {

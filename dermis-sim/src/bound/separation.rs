@@ -1,7 +1,7 @@
 //! The distance at which two presses are told from one.
 
 use super::precision::Precision;
-use super::{Bounds, LOG_RADIUS_SD, LOG_STEP, PARAMETERS, STEP_M, difference, equations};
+use super::{Bounds, LOG_RADIUS_SD, LOG_STEP, PARAMETERS, STEP_M, difference, equations, smallest};
 use crate::elementary::{erf, exp};
 use crate::twin::{Press, TwinError};
 use dermis::estimate::least_squares::{Control, LeastSquares, Normal, Steps, minimise};
@@ -16,14 +16,16 @@ const POWER: f64 = 0.9;
 const FALSE_SPLITS: f64 = 0.01;
 /// Distances between which the smallest is sought, m.
 const DISTANCES_M: [f64; 2] = [0.001, 0.2];
-/// Relative accuracy of the distance. The misfit grows with its fourth power.
+/// Relative accuracy of the distance.
 const ACCURACY: f64 = 0.02;
+/// The misfit of small distances grows with this power of theirs.
+const POWER_OF_DISTANCE: f64 = 4.0;
 /// The steps of the fit of one press. A step whose parts are a nanometre and a billionth of the force is none.
 const STEPS: Steps = Steps {
     most: 40,
     control: Control::Damping { first: 1e-3, down: 0.1, up: 10.0 },
     shortest: 1e-9,
-    least_decrease: 1e-2,
+    least_decrease: 1e-3,
 };
 
 impl Bounds {
@@ -52,7 +54,7 @@ impl Bounds {
     /// The same, `None` if it is above a distance.
     fn separation_up_to(&self, place_m: Point3, direction_rad: f64, most_m: f64) -> crate::Result<Option<f64>> {
         let needed = needed_misfit();
-        let [mut low, mut high] = [DISTANCES_M[0], most_m];
+        let [low, mut high] = [DISTANCES_M[0], most_m];
         let misfit = |distance_m: f64| self.misfit_of_one(&self.pair(place_m, distance_m, direction_rad), needed);
         while high > low && self.clean(&self.pair(place_m, high, direction_rad)).is_err() {
             high *= 0.8;
@@ -60,20 +62,7 @@ impl Bounds {
         if high <= low {
             return Ok(None);
         }
-        let mut of_high = misfit(high)?;
-        if of_high < needed {
-            return Ok(None);
-        }
-        while high > (1.0 + ACCURACY) * low {
-            // The fourth power of small distances; large ones give a distance that is too large.
-            let guess = (high * (needed / of_high).sqrt().sqrt()).min(high / (1.0 + ACCURACY));
-            let next = if guess > low { guess } else { (low * high).sqrt() };
-            match misfit(next)? {
-                found if found >= needed => (high, of_high) = (next, found),
-                _ => low = next,
-            }
-        }
-        Ok(Some(high))
+        smallest([low, high], needed, POWER_OF_DISTANCE, ACCURACY, misfit)
     }
 
     /// The smallest distances in two perpendicular directions; `most_m` are distances that are enough, where they are known.
