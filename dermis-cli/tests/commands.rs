@@ -345,6 +345,48 @@ fn a_protocol_must_fit_the_electrodes_and_the_frames() {
 }
 
 #[test]
+fn results_go_to_standard_output_too() {
+    let at = Workplace::new();
+    at.frames();
+    let frames = "--frames frames.csv --baseline rest.csv";
+    for command in
+        ["forward disk.toml", &format!("contacts disk.toml {frames}"), &format!("reconstruct disk.toml {frames}")]
+    {
+        let printed = at.good(&format!("{command} -o -"));
+        at.good(&format!("{command} -o file.csv"));
+        assert_eq!(printed, std::fs::read_to_string(at.path("file.csv")).unwrap(), "{command}");
+        let lines = at.good(&format!("{command} --json"));
+        let first: serde_json::Value = serde_json::from_str(lines.lines().next().unwrap()).unwrap();
+        assert_eq!(first["frame"], 0, "{command}");
+        assert!(at.refused(command).contains("--output"), "{command} without a place for its result");
+    }
+    assert!(!at.path("-").exists());
+    assert!(at.refused("forward disk.toml --json -o x.csv").contains("--json"));
+}
+
+#[test]
+fn an_experiment_has_the_sets_and_the_presses_that_are_asked_for() {
+    let at = Workplace::new();
+    at.good("experiment disk.toml --twin ideal --seed 1 --presses 7 --sets grid,two -o out");
+    let frames = |set: &str| std::fs::read_to_string(at.path(&format!("out/{set}/truth.csv"))).ok();
+    let last = |text: String| text.lines().last().unwrap().split(',').next().unwrap().parse::<usize>().unwrap() + 1;
+    assert!((4..=7).contains(&last(frames("grid").unwrap())), "{:?}", frames("grid"));
+    assert!(frames("two").is_some() && frames("random").is_none() && frames("four").is_none());
+    assert!(at.refused("experiment disk.toml --seed 1 --sets all -o x").contains("random"));
+}
+
+#[test]
+fn a_new_disk_has_as_many_electrodes_as_asked_for() {
+    let at = Workplace::empty();
+    for count in [4, 12, 200] {
+        at.good(&format!("new disk --electrodes {count} --force -o d.toml"));
+        let skin: serde_json::Value = serde_json::from_str(&at.good("mesh d.toml --json")).unwrap();
+        assert_eq!(skin["electrodes"].as_array().unwrap().len(), count, "{skin}");
+    }
+    assert!(at.refused("new cylinder --electrodes 12").contains("[electrodes.layout]"));
+}
+
+#[test]
 fn experiments_that_cannot_be_are_refused_and_leave_nothing() {
     let at = Workplace::new();
     assert!(at.refused("experiment disk.toml --twin lap --seed 1 -o out").contains("did you mean `lab`?"));

@@ -60,7 +60,7 @@ pub struct Arguments {
     #[arg(long, value_name = "M", default_value_t = 0.005, value_parser = number(1e-4..=0.1))]
     tip_radius: f64,
     /// Number of starts; the first begins at the given layout. Starts run in parallel, one on each core.
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = count(1..=100_000usize))]
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = count(1..=100_000usize))]
     starts: usize,
     /// Moves of a start for each electrode.
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = count(1..=10_000_000usize))]

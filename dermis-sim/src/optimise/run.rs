@@ -42,7 +42,7 @@ pub struct SearchOptions {
 }
 
 impl Default for SearchOptions {
-    /// As many electrodes as the given design has, all readings, four starts and four rounds.
+    /// As many electrodes as the given design has, all readings, two starts and four rounds.
     fn default() -> Self {
         SearchOptions {
             optimise: OptimiseOptions::default(),
@@ -50,7 +50,7 @@ impl Default for SearchOptions {
             counts: Vec::new(),
             keep_electrodes: false,
             slots: Vec::new(),
-            starts: 4,
+            starts: 2,
             rounds: 4,
             state: None,
         }
