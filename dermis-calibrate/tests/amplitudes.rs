@@ -1,0 +1,48 @@
+//! The check of a built skin by amplitudes, as instruments without signs give them, and by the same values with signs.
+
+use crate::built::{checked, is_right};
+use dermis::design::SkinDesign;
+use dermis::skin::Skin;
+use dermis_calibrate::build::BuildChecker;
+use rayon::prelude::*;
+
+/// The limits of the method were set on other skins.
+const FIRST: u64 = 19001;
+/// Twins of each kind.
+const KINDS: [(&str, u64); 5] = [("sound", 20), ("open", 10), ("exchanged", 10), ("short", 10), ("reference", 10)];
+
+/// The twins of each kind that are right.
+fn score(design: SkinDesign) -> Vec<(&'static str, usize)> {
+    let skin = Skin::new(design).unwrap();
+    let checker = BuildChecker::new(&skin).unwrap();
+    let of_kind = |(kind, count): (&'static str, u64)| {
+        let right = (FIRST..FIRST + count).into_par_iter().filter(|&seed| {
+            let (case, check) = checked(&checker, &skin, "lab", kind, seed);
+            let right = is_right(&case, &skin, &check);
+            if !right {
+                let findings: Vec<_> = check.findings.iter().map(|found| (found.kind, &found.evidence)).collect();
+                let [sound, found] = [check.sound_misfit, check.misfit];
+                println!("{kind} {seed}: {:?}: misfit {sound:.2}, {found:.2}, {findings:?}", case.faults);
+            }
+            right
+        });
+        (kind, right.count())
+    };
+    KINDS.map(of_kind).to_vec()
+}
+
+fn design(name: &str, amplitude_only: bool) -> SkinDesign {
+    let mut design = SkinDesign::shipped(name).unwrap();
+    design.protocol = design.protocol.with_amplitude_only(amplitude_only);
+    design
+}
+
+#[test]
+fn amplitudes_of_skin16_tell_its_faults() {
+    for name in ["skin16", "tank16"] {
+        for amplitude_only in [false, true] {
+            let start = std::time::Instant::now();
+            println!("{name} {amplitude_only}: {:?} {:?}", score(design(name, amplitude_only)), start.elapsed());
+        }
+    }
+}
