@@ -25,6 +25,11 @@ const WITHOUT_WEIGHT: f64 = 1e6;
 /// The sign of a value is that of the model if the model's value is this many of its standard deviations from zero.
 const KNOWN_SD: f64 = 3.0;
 
+/// The amplitude of noise about zero scatters by 0.76 of its mean (the half-normal distribution): one that scatters by more
+/// than half of that over at least this many frames is noise.
+const NOISE_SHARE: f64 = 0.38;
+const NOISE_FRAMES: usize = 4;
+
 /// The mean untouched frame, divided by one factor.
 #[derive(Debug, Clone)]
 pub(super) struct Data {
@@ -36,6 +41,8 @@ pub(super) struct Data {
     pub scale: f64,
     /// Noise of one frame.
     pub noise: ChannelNoise,
+    /// Whether each value scatters like noise about zero, or its amplitude.
+    pub is_noise: Vec<bool>,
     /// Whether the values have lost their signs.
     amplitude_only: bool,
 }
@@ -74,7 +81,8 @@ impl Data {
         for channel in out_of_range(protocol, &reciprocal, &values, &noise_ohm) {
             sd[channel] = WITHOUT_WEIGHT * values[channel].abs().max(size);
         }
-        Some(Data { values, sd, scale, noise, amplitude_only: protocol.amplitude_only() })
+        let is_noise = (0..values.len()).map(|channel| is_noise(frames, channel)).collect();
+        Some(Data { values, sd, scale, noise, is_noise, amplitude_only: protocol.amplitude_only() })
     }
 
     /// The value of a channel, ohm, with the sign of the model's value if signs are lost: their difference is then that of
@@ -96,6 +104,13 @@ impl Data {
         }
         data
     }
+}
+
+/// Whether the values of a channel are noise.
+fn is_noise(frames: &[Frame], channel: usize) -> bool {
+    let values = || frames.iter().map(|frame| frame[channel]);
+    let mean = values().sum::<f64>() / frames.len() as f64;
+    frames.len() >= NOISE_FRAMES && rms(values().map(|value| value - mean)) > NOISE_SHARE * mean.abs()
 }
 
 /// The channels whose value seems to be out of the converter's range: it is the largest of its drive with the same gain (with

@@ -39,13 +39,16 @@ pub(super) fn gross(model: &Model, data: &Data, found: &[Fault]) -> Vec<Fault> {
     all
 }
 
-/// Whether an electrode may be open: its drives carry no current, so that their values are far from those of the model.
+/// Whether an electrode may be open: its drives carry no current, so that their values are noise, or far from those of the model.
 /// (The values of an open electrode may be anything: it explains any other fault beside it, such as a cut.)
 fn may_be_open(model: &Model, data: &Data, even: &[f64], electrode: usize) -> bool {
     let channels = model.protocol.channels().iter().enumerate();
     let driven = channels.filter(|(_, one)| one.drive.contains(&electrode));
     let factors: Vec<f64> = driven
-        .map(|(channel, _)| (data.values[channel].abs().max(f64::MIN_POSITIVE) / even[channel].abs()).ln().abs())
+        .map(|(channel, _)| match data.is_noise[channel] {
+            true => f64::INFINITY,
+            false => (data.values[channel].abs().max(f64::MIN_POSITIVE) / even[channel].abs()).ln().abs(),
+        })
         .collect();
     upper_median(&factors).is_none_or(|factor| factor > WITHOUT_CURRENT.ln())
 }
