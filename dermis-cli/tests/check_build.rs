@@ -72,7 +72,7 @@ fn amplitudes_are_checked() {
     at.write("amplitudes.toml", workplace::DISK.replace("[protocol]", "[protocol]\namplitude_only = true"));
     write_frame(&at, "untouched.csv", &values.iter().map(|value| value.abs()).collect::<Vec<_>>());
     let text = at.good("check-build amplitudes.toml --frames untouched.csv");
-    assert!(text.starts_with("disk: 1 untouched frame, sound, no findings\n"), "{text}");
+    assert!(text.starts_with("amplitudes: 1 untouched frame, sound, no findings\n"), "{text}");
 }
 
 #[test]
