@@ -1,5 +1,6 @@
 //! The integration tests in one program: it is linked once, and one test computes while another waits.
 
+mod amplitudes;
 mod built;
 mod built_skins;
 mod checks;

@@ -106,20 +106,8 @@ impl FrameArguments {
     /// Reads the frames for a method and subtracts the baseline. Channels that are left out need no values and are 0. Frames
     /// that cannot be those of the skin are refused.
     pub fn read(&self, skin: &Skin, method: &MethodArguments) -> Outcome<Differences> {
-        let protocol = &skin.design().protocol;
-        let left_out = &method.left_out(protocol)?[..];
-        if self.baseline.as_deref().is_some_and(|path| path.as_os_str() == MODEL) {
-            if self.paired {
-                return Err(Failure::given("the model is one untouched frame", Some("leave --paired out")));
-            }
-            let frames = self.currents.convert(protocol, read_frames_without(&self.frames, protocol, left_out)?)?;
-            let model = skin.forward().solve(skin.forward().rest_conductivity())?;
-            let frames = model_differences(protocol, &model, &frames, left_out)?.frames;
-            let check = Plausibility::new(protocol, &model, left_out);
-            self.report(&self.frames, check.of_model_differences(&frames), true)?;
-            return Ok(Differences { frames, ..Differences::default() });
-        }
-        let recorded = self.read_recorded(protocol, left_out)?;
+        let left_out = &method.left_out(&skin.design().protocol)?[..];
+        let recorded = self.read_recorded(skin, left_out)?;
         self.check(skin, &recorded, left_out, method.calibration().is_none())?;
         Ok(recorded.into_differences())
     }
@@ -133,6 +121,9 @@ impl FrameArguments {
         unused.sort_unstable();
         let model = skin.forward().solve(skin.forward().rest_conductivity())?;
         let check = Plausibility::new(&skin.design().protocol, &model, &unused);
+        if self.is_of_model() {
+            return self.report(&self.frames, check.of_model_differences(frames), true);
+        }
         let Some(baseline) = mean(untouched) else {
             return self.report(&self.frames, check.of_differences(frames), true);
         };
@@ -152,9 +143,33 @@ impl FrameArguments {
         Ok(())
     }
 
-    /// Reads the frames. Channels that are left out need no values and are 0.
-    pub fn read_recorded(&self, protocol: &Protocol, left_out: &[usize]) -> Outcome<Recorded> {
+    /// Whether the baseline is the untouched frame of the design.
+    fn is_of_model(&self) -> bool {
+        self.baseline.as_deref().is_some_and(|path| path.as_os_str() == MODEL)
+    }
+
+    /// What is wrong with differences from the untouched frame of the design, where that is the baseline.
+    pub fn of_model(&self, skin: &Skin, differences: &[Frame]) -> Outcome<Option<Finding>> {
+        if !self.is_of_model() {
+            return Ok(None);
+        }
+        let model = skin.forward().solve(skin.forward().rest_conductivity())?;
+        Ok(Plausibility::new(&skin.design().protocol, &model, &[]).of_model_differences(differences))
+    }
+
+    /// Reads the frames. Channels that are left out need no values and are 0. Of the untouched frame of the design they are
+    /// the differences.
+    pub fn read_recorded(&self, skin: &Skin, left_out: &[usize]) -> Outcome<Recorded> {
+        let protocol = &skin.design().protocol;
         let frames = self.currents.convert(protocol, read_frames_without(&self.frames, protocol, left_out)?)?;
+        if self.is_of_model() {
+            if self.paired {
+                return Err(Failure::given("the model is one untouched frame", Some("leave --paired out")));
+            }
+            let model = skin.forward().solve(skin.forward().rest_conductivity())?;
+            let frames = model_differences(protocol, &model, &frames, left_out)?.frames;
+            return Ok(Recorded { frames, untouched: Vec::new(), paired: false });
+        }
         let Some(path) = &self.baseline else {
             return Ok(Recorded { frames, untouched: Vec::new(), paired: false });
         };

@@ -67,6 +67,15 @@ fn a_scan_table_in_another_order_is_told_by_its_order() {
 }
 
 #[test]
+fn amplitudes_are_checked() {
+    let (at, values) = measured();
+    at.write("amplitudes.toml", workplace::DISK.replace("[protocol]", "[protocol]\namplitude_only = true"));
+    write_frame(&at, "untouched.csv", &values.iter().map(|value| value.abs()).collect::<Vec<_>>());
+    let text = at.good("check-build amplitudes.toml --frames untouched.csv");
+    assert!(text.starts_with("amplitudes: 1 untouched frame, sound, no findings\n"), "{text}");
+}
+
+#[test]
 fn what_cannot_be_checked_is_refused_with_its_place() {
     let (at, values) = measured();
     let refused = |arguments: &str| at.refused(arguments);
@@ -86,9 +95,6 @@ fn what_cannot_be_checked_is_refused_with_its_place() {
     at.write("bare.toml", workplace::DISK.replace("contact_impedance_ohm_m = 0.01\n", ""));
     let error = refused("check-build bare.toml --frames rest.csv");
     assert!(error.contains("contact_impedance"), "{error}");
-    at.good("forward skin16 -o amplitudes.csv");
-    let error = refused("check-build skin16 --frames amplitudes.csv");
-    assert!(error.contains("amplitude_only"), "{error}");
     let error = refused("check-build disk.toml --frames rest.csv --source tcp:127.0.0.1:9");
     assert!(error.contains("--source"), "{error}");
 }

@@ -96,6 +96,21 @@ fn an_order_and_a_unit_are_named_and_calibrate_warns() {
     assert!(text.contains("magnitude") && text.contains("multiply the values by 1000"), "{text}");
 }
 
+/// Frames of the design itself leave nothing but touches; the untouched frame of another skin is in all of them.
+#[test]
+fn the_untouched_frame_of_the_design_is_a_baseline() {
+    let at = recorded();
+    let text = at.good("check-frames disk.toml --frames frames.csv --baseline model");
+    assert!(text.starts_with("disk: 90 frames, no findings\n"), "{text}");
+    let mut frames = rows(&at, "frames.csv");
+    frames.iter_mut().flat_map(|frame| frame.iter_mut().step_by(3)).for_each(|value| *value *= 1.3);
+    write_rows(&at, "other.csv", &frames);
+    let json = at.json("check-frames disk.toml --frames other.csv --baseline model --json");
+    assert_eq!(json["findings"][0]["kind"].as_str(), Some("unlike_model"), "{json}");
+    let error = at.refused("check-frames disk.toml --frames frames.csv --baseline model --paired");
+    assert!(error.contains("leave --paired out"), "{error}");
+}
+
 #[test]
 fn input_that_cannot_be_checked_is_refused() {
     let at = recorded();

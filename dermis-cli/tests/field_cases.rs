@@ -140,6 +140,14 @@ fn a_disconnected_electrode_is_named() {
     assert!(text.contains("open_electrode, electrode 5") && !text.contains("sign_turned"), "{text}");
 }
 
+/// A tank with water: no fault of its wires is known.
+#[test]
+fn amplitudes_of_a_tank_are_checked() {
+    let Some(at) = Workplace::of_field_case("18-amplitude-only-check-build") else { return };
+    let json = at.json("check-build tank30.toml --frames planeA_vvRef.csv --json");
+    assert_eq!(json["faults"].as_array().map(Vec::len), Some(0), "{json}");
+}
+
 #[test]
 fn one_damaged_bit_costs_one_chunk() {
     let Some(at) = Workplace::of_field_case("live-07-recover-one-bit") else { return };

@@ -47,7 +47,7 @@ const CRATES: &[(&str, &[&str])] = &[
     ("dermis", &[]),
     ("dermis-plot", &["dermis"]),
     ("dermis-calibrate", &["dermis"]),
-    ("dermis-fabricate", &["dermis", "dermis-calibrate", "dermis-plot", "dermis-sim"]),
+    ("dermis-fabricate", &["dermis", "dermis-plot", "dermis-sim"]),
     ("dermis-sim", &["dermis"]),
     ("dermis-learn", &["dermis", "dermis-calibrate", "dermis-sim"]),
     ("dermis-study", &["dermis", "dermis-learn", "dermis-plot", "dermis-sim"]),

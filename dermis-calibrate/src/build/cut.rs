@@ -70,7 +70,7 @@ pub(super) fn best_cut(model: &Model, data: &Data, faults: &[Fault], x: &[f64], 
         return None;
     }
     let fit = model.at(data, faults, x)?;
-    let mut search = Search::new(model, data, &fit, &skin)?;
+    let mut search = Search::new(model, &fit, &skin)?;
     let starts = match near {
         Some(cut) => vec![cut],
         None => search.starts(&skin)?,
@@ -88,7 +88,6 @@ pub(super) fn best_cut(model: &Model, data: &Data, faults: &[Fault], x: &[f64], 
 /// A search for a cut.
 struct Search<'a> {
     model: &'a Model,
-    data: &'a Data,
     fit: &'a Fit,
     solver: Solver,
     /// The network of the fit.
@@ -100,13 +99,13 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(model: &'a Model, data: &'a Data, fit: &'a Fit, skin: &ForwardModel) -> Option<Self> {
+    fn new(model: &'a Model, fit: &'a Fit, skin: &ForwardModel) -> Option<Self> {
         let mut solver = skin.solver();
         let network = model.network(&model.impedance_of(&mut solver, &fit.faults)?, &fit.faults);
         let mut moved = vec![0.0; fit.residuals.len()];
         fit.linear.a.product_into(&fit.all_unknowns(model), &mut moved);
         let left = fit.linear.left(&fit.residuals, &moved);
-        Some(Search { model, data, fit, solver, network, moved, left })
+        Some(Search { model, fit, solver, network, moved, left })
     }
 
     /// The places where a small cut explains most.
@@ -142,7 +141,7 @@ impl<'a> Search<'a> {
         let strength = PI * SMALL_M * SMALL_M * skin.rest_conductivity()[cell];
         let [along_u, along_v] = slopes.map(|axis| self.pair_slopes(&axis));
         let products = |a: &[[f64; 2]], b: &[[f64; 2]]| -> Vec<f64> {
-            a.iter().zip(b).zip(&self.data.sd).map(|((a, b), sd)| strength * a[0] * b[1] / sd).collect()
+            a.iter().zip(b).zip(&self.fit.data.sd).map(|((a, b), sd)| strength * a[0] * b[1] / sd).collect()
         };
         let mut changes = [products(&along_u, &along_u), products(&along_v, &along_v), products(&along_u, &along_v)];
         let other = products(&along_v, &along_u);
@@ -211,7 +210,7 @@ impl<'a> Search<'a> {
         let mut faults = self.fit.faults.clone();
         faults.push(Fault::Cut(cut));
         let Some(impedance) = self.model.impedance_of(&mut self.solver, &faults) else { return f64::NEG_INFINITY };
-        let residuals = self.model.residuals(self.data, &impedance, &faults);
+        let residuals = self.model.residuals(&self.fit.data, &impedance, &faults);
         -self.fit.linear.least_squares(&residuals, &self.moved)
     }
 

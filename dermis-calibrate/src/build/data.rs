@@ -22,6 +22,14 @@ const AS_LARGE: f64 = 2e-3;
 /// Standard deviation of a value without weight, relative.
 const WITHOUT_WEIGHT: f64 = 1e6;
 
+/// The sign of a value is that of the model if the model's value is this many of its standard deviations from zero.
+const KNOWN_SD: f64 = 3.0;
+
+/// The amplitude of noise about zero scatters by 0.76 of its mean (the half-normal distribution): one that scatters by more
+/// than half of that over at least this many frames is noise.
+const NOISE_SHARE: f64 = 0.38;
+const NOISE_FRAMES: usize = 4;
+
 /// The mean untouched frame, divided by one factor.
 #[derive(Debug, Clone)]
 pub(super) struct Data {
@@ -33,6 +41,10 @@ pub(super) struct Data {
     pub scale: f64,
     /// Noise of one frame.
     pub noise: ChannelNoise,
+    /// Whether each value scatters like noise about zero, or its amplitude.
+    pub is_noise: Vec<bool>,
+    /// Whether the values have lost their signs.
+    amplitude_only: bool,
 }
 
 impl Data {
@@ -44,8 +56,10 @@ impl Data {
         model: &[f64],
         discretisation_ohm: &[f64],
     ) -> Option<Self> {
-        let mean = mean(frames)?;
-        let scale = scale(protocol, &mean, model)?;
+        let (mut mean, mut model) = (mean(frames)?, model.to_vec());
+        protocol.drop_signs(&mut mean);
+        protocol.drop_signs(&mut model);
+        let scale = scale(protocol, &mean, &model)?;
         let values: Vec<f64> = mean.iter().map(|value| value / scale).collect();
         let groups = protocol.channels_by_drive();
         let reciprocal = reciprocal(protocol);
@@ -67,8 +81,36 @@ impl Data {
         for channel in out_of_range(protocol, &reciprocal, &values, &noise_ohm) {
             sd[channel] = WITHOUT_WEIGHT * values[channel].abs().max(size);
         }
-        Some(Data { values, sd, scale, noise })
+        let is_noise = (0..values.len()).map(|channel| is_noise(frames, channel)).collect();
+        Some(Data { values, sd, scale, noise, is_noise, amplitude_only: protocol.amplitude_only() })
     }
+
+    /// The value of a channel, ohm, with the sign of the model's value if signs are lost: their difference is then that of
+    /// the amplitudes, and derivatives of the model's values are derivatives of it.
+    pub(super) fn value(&self, channel: usize, of_model: f64) -> f64 {
+        let value = self.values[channel];
+        if self.amplitude_only { value.copysign(of_model) } else { value }
+    }
+
+    /// The data for a model with some values, ohm, and standard deviations of these: where the model does not tell the sign
+    /// that was lost, a value may differ from it as much as the model may be off.
+    pub(super) fn with_known_signs(&self, model: &[f64], spread_ohm: impl Fn(usize) -> f64) -> Self {
+        let mut data = self.clone();
+        for channel in (0..model.len()).filter(|_| self.amplitude_only) {
+            let spread_ohm = spread_ohm(channel);
+            if model[channel].abs() < KNOWN_SD * spread_ohm {
+                data.sd[channel] = data.sd[channel].hypot(spread_ohm);
+            }
+        }
+        data
+    }
+}
+
+/// Whether the values of a channel are noise.
+fn is_noise(frames: &[Frame], channel: usize) -> bool {
+    let values = || frames.iter().map(|frame| frame[channel]);
+    let mean = values().sum::<f64>() / frames.len() as f64;
+    frames.len() >= NOISE_FRAMES && rms(values().map(|value| value - mean)) > NOISE_SHARE * mean.abs()
 }
 
 /// The channels whose value seems to be out of the converter's range: it is the largest of its drive with the same gain (with

@@ -58,6 +58,10 @@ pub struct Cut {
 /// Prior standard deviation of the logarithm of a reference resistor's factor: a factor of two.
 const FACTOR_SD: f64 = std::f64::consts::LN_2;
 
+/// Least resistance of a short, of that of a typical pair of electrodes: the values between its two electrodes keep the signs
+/// that they would have with any larger one.
+const LEAST_SHORT: f64 = 1e-6;
+
 /// Impedances of all electrodes to the first one, and how the frame follows from them.
 #[derive(Debug, Clone)]
 pub(super) struct Network {
@@ -171,7 +175,7 @@ impl Fault {
         let ohm = (size * typical_ohm).max(0.0);
         match self {
             Fault::PoorContact { electrode, .. } => Fault::PoorContact { electrode, ohm },
-            Fault::Short { electrodes, .. } => Fault::Short { electrodes, ohm },
+            Fault::Short { electrodes, .. } => Fault::Short { electrodes, ohm: ohm.max(LEAST_SHORT * typical_ohm) },
             Fault::Reference { drive, .. } => Fault::Reference { drive, factor: (FACTOR_SD * size).exp() },
             other => other,
         }

@@ -9,7 +9,7 @@ use dermis::estimate::scale::robust;
 use dermis::forward::{ForwardModel, Solver};
 use dermis::frame::Frame;
 use dermis::geom::Surface;
-use dermis::identify::{Identifier, IdentifyError, IdentifyOptions};
+use dermis::identify::{Identifier, IdentifyOptions};
 use dermis::linalg::{Cholesky, Matrix, NotPositiveDefinite, dot};
 use dermis::protocol::{Channel, Protocol};
 use dermis::skin::Skin;
@@ -74,6 +74,8 @@ pub(super) struct Fit {
     pub impedance: Matrix,
     /// The derivatives of the channels.
     pub linear: Linear,
+    /// The frame, as the faults leave its signs known.
+    pub data: Data,
 }
 
 /// The derivatives of the weighted channels, channels x unknowns, and the normal matrix `1 + A'A` with its factor.
@@ -84,22 +86,12 @@ pub(super) struct Linear {
     pub factor: Cholesky,
 }
 
-/// Refuses a design whose frames do not tell how its skin was built.
-pub(super) fn check_design(design: &SkinDesign) -> dermis::Result<()> {
-    // Not refused by the identifier, which gets a protocol of its own.
-    match design.protocol.amplitude_only() {
-        true => Err(IdentifyError::AmplitudeOnly.into()),
-        false => Ok(()),
-    }
-}
-
 impl Model {
     /// The model of a skin.
     ///
     /// # Errors
-    /// A design that cannot be solved, or without signs.
+    /// A design that cannot be solved.
     pub(super) fn new(skin: &Skin, options: IdentifyOptions) -> dermis::Result<Self> {
-        check_design(skin.design())?;
         let design = SkinDesign { protocol: pairs(skin.design().protocol.electrode_count())?, ..skin.design().clone() };
         let forward = ForwardModel::new(&design, skin.mesh())?;
         let identifier = Identifier::new(&design, &forward, options)?;
@@ -137,7 +129,9 @@ impl Model {
         let unknown = self.identifier.unknown_of_contacts();
         let by_factor: Vec<f64> =
             (0..self.sound.rows).map(|channel| self.sound.at(channel, unknown) / super::SCALE_SD).collect();
-        let change: Vec<f64> = data.values.iter().zip(&self.frame).map(|(value, own)| value - own).collect();
+        let change: Vec<f64> = (0..self.frame.len())
+            .map(|channel| data.value(channel, self.frame[channel]) - self.frame[channel])
+            .collect();
         1.0 + robust(&change, &by_factor, driven)
     }
 
@@ -219,10 +213,8 @@ impl Model {
     }
 
     /// The derivatives of the weighted channels by the unknowns of the skin and by the sizes of the faults.
-    fn linear(&self, data: &Data, impedance: &Matrix, faults: &[Fault]) -> Option<Linear> {
+    fn linear(&self, data: &Data, impedance: &Matrix, rows: &Matrix, faults: &[Fault]) -> Option<Linear> {
         let network = self.network(impedance, faults);
-        let changes_nothing = |fault: &Fault| matches!(fault, Fault::Cut(_) | Fault::OpenElectrode { .. });
-        let rows = if faults.iter().all(changes_nothing) { &self.sound } else { &self.rows(&network) };
         let by_size: Vec<Vec<f64>> = self.sized(faults).map(|at| self.by_size(impedance, faults, at)).collect();
         let mut a = Matrix::zeros(rows.rows, rows.columns + by_size.len());
         for (channel, one) in self.protocol.channels().iter().enumerate() {
@@ -233,6 +225,20 @@ impl Model {
             a.row_mut(channel).iter_mut().zip(all).for_each(|(out, value)| *out = value / data.sd[channel]);
         }
         Linear::new(a)
+    }
+
+    /// The data as far as the signs of the model's values are known: uneven coats and displaced electrodes may turn those
+    /// of small values. A factor of the sheet or of a contact turns none.
+    fn with_known_signs(&self, data: &Data, impedance: &Matrix, rows: &Matrix, faults: &[Fault]) -> Data {
+        let last = self.identifier.unknown_of_contact(self.protocol.electrode_count() - 1);
+        let (coat, displacements) = (1..self.identifier.unknown_of_contacts(), last + 1..rows.columns);
+        let spread_ohm = |channel: usize| {
+            let row = rows.row(channel);
+            dot(&row[coat.clone()], &row[coat.clone()])
+                .sqrt()
+                .hypot(dot(&row[displacements.clone()], &row[displacements.clone()]).sqrt())
+        };
+        data.with_known_signs(&self.values(impedance, faults), spread_ohm)
     }
 
     /// The faults that have a size.
@@ -254,7 +260,7 @@ impl Model {
         let network = self.network(impedance, faults);
         let mut residuals = network.frame(&self.protocol, &self.drive_of);
         for (channel, one) in self.protocol.channels().iter().enumerate() {
-            let off = (data.values[channel] - residuals[channel]) / data.sd[channel];
+            let off = (data.value(channel, residuals[channel]) - residuals[channel]) / data.sd[channel];
             residuals[channel] = if network.is_open(one) { 0.0 } else { off };
         }
         residuals
@@ -272,8 +278,13 @@ impl Model {
     }
 
     fn fit_in(&self, most: usize, data: &Data, faults: &[Fault], start: &[f64], least: f64) -> Option<Fit> {
-        let linear = self.linear(data, &self.impedance(start, faults)?, faults)?;
-        let search = Search { model: self, data, linear: &linear, count: start.len(), least };
+        let impedance = self.impedance(start, faults)?;
+        let changes_nothing = |fault: &Fault| matches!(fault, Fault::Cut(_) | Fault::OpenElectrode { .. });
+        let is_sound = faults.iter().all(changes_nothing);
+        let rows = if is_sound { &self.sound } else { &self.rows(&self.network(&impedance, faults)) };
+        let data = self.with_known_signs(data, &impedance, rows, faults);
+        let linear = self.linear(&data, &impedance, rows, faults)?;
+        let search = Search { model: self, data: &data, linear: &linear, count: start.len(), least };
         let sizes = faults.iter().filter_map(|fault| fault.size(self.typical_ohm));
         let start = search.point(start.iter().copied().chain(sizes).collect(), faults)?;
         let found = minimise(&search, start, &Steps { most, ..STEPS }).ok()?;
@@ -284,11 +295,11 @@ impl Model {
         let Point { mut x, faults, impedance, residuals } = found.point;
         let squares = dot(&residuals, &residuals) + dot(&x, &x);
         let open = self.network(&impedance, &faults);
-        let log_evidence = self.log_evidence(data, &open, squares, &linear);
+        let log_evidence = self.log_evidence(&data, &open, squares, &linear);
         let used = self.protocol.channels().iter().filter(|one| !open.is_open(one)).count().max(1);
         x.truncate(search.count);
         let misfit = (squares / used as f64).sqrt();
-        Some(Fit { faults, x, log_evidence, used, misfit, residuals, impedance, linear })
+        Some(Fit { faults, x, log_evidence, used, misfit, residuals, impedance, linear, data })
     }
 
     /// The logarithm of the probability of the data, by Laplace's approximation about the fit; the values of open

@@ -35,7 +35,6 @@ use crate::checks::{Recording, check_recording};
 use crate::error::CalibrateError;
 use cut::remaining;
 use data::Data;
-use dermis::design::SkinDesign;
 use dermis::finding::{Finding, FindingKind, is_sound};
 use dermis::frame::{Frame, mean};
 use dermis::identify::IdentifyOptions;
@@ -119,18 +118,10 @@ pub struct BuildChecker {
 }
 
 impl BuildChecker {
-    /// Whether skins of a design can be checked; [`BuildChecker::new`] asks the same.
-    ///
-    /// # Errors
-    /// A design without signs (`amplitude_only`).
-    pub fn accepts(design: &SkinDesign) -> Result<(), CalibrateError> {
-        Ok(fit::check_design(design)?)
-    }
-
     /// Prepares the checks of a skin.
     ///
     /// # Errors
-    /// A design without signs (`amplitude_only`), or that cannot be solved.
+    /// A design that cannot be solved.
     pub fn new(skin: &Skin) -> Result<Self, CalibrateError> {
         BuildChecker::of_sizes(skin, [0.0; 2])
     }
@@ -238,7 +229,7 @@ impl BuildChecker {
     /// The fit with the one more fault that explains the frame best, if it does so clearly.
     fn better(&self, data: &Data, fit: &Fit) -> Option<(Fit, f64)> {
         let model = &self.model;
-        let small = screen::small(model, data, fit, &fit.impedance).into_iter();
+        let small = screen::small(model, fit, &fit.impedance).into_iter();
         let mut candidates: Vec<Fault> = small.filter(|(gain, _)| *gain > SMALL_GAIN).map(|(_, fault)| fault).collect();
         if fit.misfit > EXPLAINED {
             candidates.extend(screen::gross(model, data, &fit.faults));

@@ -24,7 +24,8 @@ pub(super) fn gross(model: &Model, data: &Data, found: &[Fault]) -> Vec<Fault> {
     let even = model.values(&model.even, found);
     let without_current = (0..count).filter(|&electrode| may_be_open(model, data, &even, electrode));
     let open = without_current.map(|electrode| Fault::OpenElectrode { electrode }).collect();
-    let shorts = pairs().map(|electrodes| Fault::Short { electrodes, ohm: 0.0 }).collect();
+    let shorts = pairs().map(|electrodes| Fault::Short { electrodes, ohm: 0.0 }.with_size(0.0, model.typical_ohm));
+    let shorts = shorts.collect();
     let exchanged = pairs().map(|electrodes| Fault::ExchangedWires { electrodes }).collect();
     let references = (0..model.drives).filter_map(|drive| reference(model, data, found, drive)).collect();
     let kinds: [Vec<Fault>; 4] = [open, shorts, exchanged, references];
@@ -38,13 +39,16 @@ pub(super) fn gross(model: &Model, data: &Data, found: &[Fault]) -> Vec<Fault> {
     all
 }
 
-/// Whether an electrode may be open: its drives carry no current, so that their values are far from those of the model.
+/// Whether an electrode may be open: its drives carry no current, so that their values are noise, or far from those of the model.
 /// (The values of an open electrode may be anything: it explains any other fault beside it, such as a cut.)
 fn may_be_open(model: &Model, data: &Data, even: &[f64], electrode: usize) -> bool {
     let channels = model.protocol.channels().iter().enumerate();
     let driven = channels.filter(|(_, one)| one.drive.contains(&electrode));
     let factors: Vec<f64> = driven
-        .map(|(channel, _)| (data.values[channel].abs().max(f64::MIN_POSITIVE) / even[channel].abs()).ln().abs())
+        .map(|(channel, _)| match data.is_noise[channel] {
+            true => f64::INFINITY,
+            false => (data.values[channel].abs().max(f64::MIN_POSITIVE) / even[channel].abs()).ln().abs(),
+        })
         .collect();
     upper_median(&factors).is_none_or(|factor| factor > WITHOUT_CURRENT.ln())
 }
@@ -60,7 +64,11 @@ fn cost(model: &Model, data: &Data, found: &[Fault], fault: Fault) -> f64 {
     channels
         .map(|(channel, one)| {
             let sd = data.sd[channel].hypot(UNEVEN_SHARE * frame[channel]).hypot(size);
-            let off = if network.is_open(one) { OPEN_SD } else { (data.values[channel] - frame[channel]) / sd };
+            let off = if network.is_open(one) {
+                OPEN_SD
+            } else {
+                (data.value(channel, frame[channel]) - frame[channel]) / sd
+            };
             (1.0 + off * off).ln()
         })
         .sum()
@@ -73,34 +81,33 @@ fn reference(model: &Model, data: &Data, found: &[Fault], drive: usize) -> Optio
     let sizes: Vec<f64> = own.iter().map(|&channel| frame[channel].abs()).collect();
     let least = upper_median(&sizes)?;
     let large = own.iter().filter(|&&channel| frame[channel].abs() >= least && data.values[channel] != 0.0);
-    let ratios: Vec<f64> = large.map(|&channel| frame[channel] / data.values[channel]).collect();
+    let ratios: Vec<f64> = large.map(|&channel| frame[channel] / data.value(channel, frame[channel])).collect();
     let factor = upper_median(&ratios).filter(|factor| *factor > 0.0)?;
     Some(Fault::Reference { drive, factor })
 }
 
 /// The most likely small faults beside those of a fit, with what each adds to the logarithm of the likelihood, to first
 /// order (the score test; Rao, 1948, DOI 10.1017/S0305004100023987).
-pub(super) fn small(model: &Model, data: &Data, fit: &Fit, impedance: &Matrix) -> Vec<(f64, Fault)> {
+pub(super) fn small(model: &Model, fit: &Fit, impedance: &Matrix) -> Vec<(f64, Fault)> {
     let contacts = (0..model.protocol.electrode_count()).map(|electrode| Fault::PoorContact { electrode, ohm: 0.0 });
     let references = (0..model.drives).map(|drive| Fault::Reference { drive, factor: 1.0 });
     let mut all = Vec::new();
     for kind in [contacts.collect::<Vec<Fault>>(), references.collect()] {
         let fresh = kind.into_iter().filter(|fault| !fit.faults.iter().any(|known| known.is_like(fault)));
-        let mut gains: Vec<(f64, Fault)> =
-            fresh.map(|fault| (gain(model, data, fit, impedance, fault), fault)).collect();
+        let mut gains: Vec<(f64, Fault)> = fresh.map(|fault| (gain(model, fit, impedance, fault), fault)).collect();
         gains.sort_by(|a, b| b.0.total_cmp(&a.0));
         all.extend(gains.into_iter().take(KEPT));
     }
     all
 }
 
-fn gain(model: &Model, data: &Data, fit: &Fit, impedance: &Matrix, fault: Fault) -> f64 {
+fn gain(model: &Model, fit: &Fit, impedance: &Matrix, fault: Fault) -> f64 {
     let mut faults = fit.faults.clone();
     faults.push(fault);
     let network = model.network(impedance, &faults);
     let mut change = model.by_size(impedance, &faults, faults.len() - 1);
     for (channel, one) in model.protocol.channels().iter().enumerate() {
-        change[channel] = if network.is_open(one) { 0.0 } else { change[channel] / data.sd[channel] };
+        change[channel] = if network.is_open(one) { 0.0 } else { change[channel] / fit.data.sd[channel] };
     }
     let passed = fit.linear.transposed_product(&change);
     let adapted = fit.linear.factor.solve(&passed);

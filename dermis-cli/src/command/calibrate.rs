@@ -90,7 +90,7 @@ impl Arguments {
             force: self.force,
             currents: self.currents.clone(),
         };
-        let recorded = frames.read_recorded(&skin.design().protocol, &[])?;
+        let recorded = frames.read_recorded(&skin, &[])?;
         frames.check(&skin, &recorded, &[], false)?;
         let presses = Presses::read(truth, &skin, recorded.frames.len())?;
         warn_of_faults(&skin, &recorded, &presses)?;

@@ -49,14 +49,17 @@ impl Arguments {
         }
         let skin = skin::load(&self.design)?;
         skin::warn_if_ambiguous(&skin)?;
-        let Recorded { frames, untouched, .. } = self.frames.read_recorded(&skin.design().protocol, &[])?;
+        let Recorded { frames, untouched, .. } = self.frames.read_recorded(&skin, &[])?;
         let presses = self.truth.as_ref().map(|path| Presses::read(path, &skin, frames.len())).transpose()?;
         let positions_m = presses.as_ref().map(Presses::positions_m);
-        let checked = {
+        let mut checked = {
             let _waiting = Progress::waiting("checking the frames");
             let label_frame = presses.as_ref().map_or(LabelFrame::Skin, Presses::frame);
             check_recording(&skin, &Recording { frames: &frames, untouched: &untouched, positions_m, label_frame })?
         };
+        if let Some(unlike) = self.frames.of_model(&skin, &frames)? {
+            checked.findings.insert(0, unlike);
+        }
         if let Some(path) = &self.realign {
             write_frames(path, &realigned(&frames, &checked.lags)?)?;
         }

@@ -1,12 +1,11 @@
 //! The step of the first test: commands that work for the design, and readings to compare.
 
-use super::html::{self, Section, marked, rounded, table};
+use super::html::{self, Section, rounded, table};
 use super::steps::argument;
 use crate::electrical::{self, Reading};
 use crate::error::FabricateError;
 use crate::model::Fabrication;
 use dermis::text::escaped;
-use dermis_calibrate::build::BuildChecker;
 
 /// Channels of the first drive that the page shows.
 const SHOWN: usize = 12;
@@ -28,7 +27,6 @@ pub(super) fn section(fabrication: &Fabrication) -> Result<Section, FabricateErr
     let columns = ["Channel", "Between", "Least, ohm", "Expected", "Greatest"];
     let text = format!(
         include_str!("first_test.html"),
-        check = check(fabrication),
         sheet = 100.0 * options.sheet_spread,
         contact = 100.0 * options.contact_spread,
         reference = 100.0 * electrical::REFERENCE_TOLERANCE,
@@ -39,20 +37,4 @@ pub(super) fn section(fabrication: &Fabrication) -> Result<Section, FabricateErr
         port = PORT
     );
     Ok(html::section("7. First test", text, true))
-}
-
-/// How wrong wires and contacts are found: by the command that does it, if it takes the design.
-fn check(fabrication: &Fabrication) -> String {
-    let design = escaped(&argument(&fabrication.design));
-    match BuildChecker::accepts(&fabrication.design) {
-        Ok(()) => format!(
-            "<p>Find wrong wires and bad contacts, with the skin untouched:</p>\n\
-             <pre><code>dermis check-build {design} {PORT} -o report.html</code></pre>\n"
-        ),
-        Err(why) => format!(
-            "<p><code>dermis check-build</code> does not take this design: {}. Find wrong wires and bad contacts by the \
-             readings below.</p>\n",
-            marked(&why.to_string())
-        ),
-    }
 }

@@ -50,7 +50,7 @@ impl Displacement {
 }
 
 /// The displacements on a body with a chart: of all electrodes that are patches of cells, in both directions or along the edge
-/// that they are on, and of the sizes that have a deviation.
+/// that they are on, of those that are parts of the edge of a flat body along it, and of the sizes that have a deviation.
 pub(super) fn displacements(design: &SkinDesign, mesh: &Mesh, options: &IdentifyOptions) -> Vec<Displacement> {
     let surface = design.body.surface();
     if surface == Surface::Free {
@@ -59,19 +59,23 @@ pub(super) fn displacements(design: &SkinDesign, mesh: &Mesh, options: &Identify
     let (mut all, mut wider) = (Vec::new(), Vec::new());
     let (mut longer, in_chart) = longer(&design.body, mesh);
     for (electrode, patch) in mesh.electrodes.iter().enumerate() {
-        if !matches!(patch, ElectrodePatch::Cells(_)) {
-            continue;
-        }
-        let nodes = moving(design, mesh, electrode);
         let centre_m = design.electrodes[electrode].centre_m;
-        let directions = directions(&design.body, centre_m);
+        let directions = match patch {
+            ElectrodePatch::Cells(_) => directions(&design.body, centre_m),
+            ElectrodePatch::Edges(edges) if surface == Surface::Plane => along(mesh, edges).into_iter().collect(),
+            _ => continue,
+        };
+        let nodes = moving(design, mesh, electrode);
         let sd = options.displacement_m / (directions.len() as f64).sqrt();
         all.extend(directions.into_iter().map(|direction| {
-            let nodes = nodes.iter().map(|&(node, part)| (node, direction.map(|axis| axis * part))).collect();
+            let at = |node: usize| kept_on_rim(&design.body, centre_m, mesh.nodes[node], direction);
+            let nodes = nodes.iter().map(|&(node, part)| (node, at(node).map(|axis| axis * part))).collect();
             Displacement { electrode: Some((electrode, direction)), sd, nodes }
         }));
-        let from_centre =
-            |&(node, part): &(usize, f64)| (node, surface.chart(centre_m, mesh.nodes[node]).map(|axis| axis * part));
+        let from_centre = |&(node, part): &(usize, f64)| {
+            let by = surface.chart(centre_m, mesh.nodes[node]).map(|axis| axis * part);
+            (node, kept_on_rim(&design.body, centre_m, mesh.nodes[node], by))
+        };
         wider.extend(nodes.iter().map(from_centre));
         // The electrodes move with the body, but keep their shape.
         for (node, by) in nodes.iter().map(from_centre) {
@@ -113,6 +117,27 @@ fn directions(body: &Body, [x, y, z]: Point3) -> Vec<[f64; 2]> {
             [([1.0, 0.0], on_x), ([0.0, 1.0], on_y)].iter().filter(|(_, on)| !on).map(|(along, _)| *along).collect()
         }
         _ => vec![[1.0, 0.0], [0.0, 1.0]],
+    }
+}
+
+/// The direction of a part of the edge of a flat body.
+fn along(mesh: &Mesh, edges: &[[usize; 2]]) -> Option<[f64; 2]> {
+    let [from, to] = (*edges.get(edges.len() / 2)?).map(|node| mesh.nodes[node]);
+    let (x, y) = (to[0] - from[0], to[1] - from[1]);
+    let length = x.hypot(y);
+    (length > 0.0).then(|| [x / length, y / length])
+}
+
+/// A displacement of a node near an electrode, turned round the middle of the disk on whose rim the electrode is: the rim
+/// remains a circle.
+fn kept_on_rim(body: &Body, centre_m: Point3, node_m: Point3, [u, v]: [f64; 2]) -> [f64; 2] {
+    let radius = centre_m[0].hypot(centre_m[1]);
+    match *body {
+        Body::Disk { diameter_m } if (radius - diameter_m / 2.0).abs() <= ON_EDGE_M => {
+            let along = (centre_m[0] * v - centre_m[1] * u) / radius;
+            [-node_m[1] * along / radius, node_m[0] * along / radius]
+        }
+        _ => [u, v],
     }
 }
 
