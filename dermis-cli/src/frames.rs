@@ -2,12 +2,13 @@
 
 use crate::console::{Progress, warn};
 use crate::failure::{Failure, Outcome};
+use crate::format::{FormatArguments, divided};
 use crate::method::MethodArguments;
 use crate::skin;
 use clap::{ArgGroup, Args};
 use dermis::finding::Finding;
 use dermis::fit::model_differences;
-use dermis::frame::{Differences, DriveCurrents, Frame, broken_channels, mean, read_frames_without};
+use dermis::frame::{Differences, DriveCurrents, Frame, broken_channels, mean};
 use dermis::plausibility::Plausibility;
 use dermis::protocol::Protocol;
 use dermis::reconstruct::ReconstructError;
@@ -23,7 +24,7 @@ const MODEL: &str = "model";
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("rest").args(["baseline", "difference"]).required(true))]
 pub struct FrameArguments {
-    /// Frames, one per row (CSV, NPY or NPZ; ohm).
+    /// Frames, one per row (CSV, NPY or NPZ; ohm, or see --unit).
     #[arg(long, value_name = "FILE")]
     pub frames: PathBuf,
     /// Untouched frames, one per row; their mean is the baseline. With 8 or more, the noise is measured from their
@@ -48,7 +49,7 @@ pub const PAIRED_HELP: &str = "Each row of --baseline is the untouched frame of 
 
 /// Help of `--currents`.
 pub const CURRENTS_HELP: &str = "Measured currents of the drives (A; CSV, NPY or NPZ), a column per drive in the order \
-    of the protocol: one row for all frames, or one per frame. The frames are then voltages (V)";
+    of the protocol: one row for all frames, or one per frame. The frames are then voltages (V, or in --unit)";
 
 /// Measured drive currents, of instruments that record voltages.
 #[derive(Debug, Clone, Args)]
@@ -58,6 +59,8 @@ pub struct CurrentArguments {
     /// Currents of the untouched frames [default: the row of --currents, if it has one for all frames].
     #[arg(long, value_name = "FILE", requires = "currents", conflicts_with = "difference")]
     baseline_currents: Option<PathBuf>,
+    #[command(flatten)]
+    format: FormatArguments,
 }
 
 impl CurrentArguments {
@@ -66,13 +69,14 @@ impl CurrentArguments {
         self.currents.is_some()
     }
 
-    /// Frames in ohm.
-    fn convert(&self, protocol: &Protocol, frames: Vec<Frame>) -> Outcome<Vec<Frame>> {
-        divided(self.currents.as_deref(), protocol, frames)
+    /// Reads frames in ohm.
+    fn read(&self, path: &Path, protocol: &Protocol, left_out: &[usize]) -> Outcome<Vec<Frame>> {
+        self.format.read_divided(path, protocol, left_out, self.currents.as_deref())
     }
 
-    /// Untouched frames in ohm.
-    fn convert_untouched(&self, protocol: &Protocol, frames: Vec<Frame>) -> Outcome<Vec<Frame>> {
+    /// Reads untouched frames in ohm.
+    fn read_untouched(&self, path: &Path, protocol: &Protocol, left_out: &[usize]) -> Outcome<Vec<Frame>> {
+        let frames = self.format.read(path, protocol, left_out, self.currents.is_some())?;
         let Some(path) = &self.currents else { return Ok(frames) };
         if let Some(path) = &self.baseline_currents {
             return divided(Some(path), protocol, frames);
@@ -83,12 +87,6 @@ impl CurrentArguments {
         })?;
         Ok(currents.frames_per_ampere(protocol, frames))
     }
-}
-
-/// Frames divided by the currents of a file, if there is one.
-pub fn divided(currents: Option<&Path>, protocol: &Protocol, frames: Vec<Frame>) -> Outcome<Vec<Frame>> {
-    let Some(path) = currents else { return Ok(frames) };
-    Ok(DriveCurrents::read(path, protocol, frames.len())?.frames_per_ampere(protocol, frames))
 }
 
 /// Frames as they are in their files.
@@ -112,7 +110,7 @@ impl FrameArguments {
             if self.paired {
                 return Err(Failure::given("the model is one untouched frame", Some("leave --paired out")));
             }
-            let frames = self.currents.convert(protocol, read_frames_without(&self.frames, protocol, left_out)?)?;
+            let frames = self.currents.read(&self.frames, protocol, left_out)?;
             let model = skin.forward().solve(skin.forward().rest_conductivity())?;
             let frames = model_differences(protocol, &model, &frames, left_out)?.frames;
             let check = Plausibility::new(protocol, &model, left_out);
@@ -154,11 +152,11 @@ impl FrameArguments {
 
     /// Reads the frames. Channels that are left out need no values and are 0.
     pub fn read_recorded(&self, protocol: &Protocol, left_out: &[usize]) -> Outcome<Recorded> {
-        let frames = self.currents.convert(protocol, read_frames_without(&self.frames, protocol, left_out)?)?;
+        let frames = self.currents.read(&self.frames, protocol, left_out)?;
         let Some(path) = &self.baseline else {
             return Ok(Recorded { frames, untouched: Vec::new(), paired: false });
         };
-        let untouched = read_frames_without(path, protocol, left_out)?;
+        let untouched = self.currents.read_untouched(path, protocol, left_out)?;
         if untouched.is_empty() {
             return Err(Failure::given(format!("{} holds no frame", path.display()), None));
         }
@@ -167,7 +165,6 @@ impl FrameArguments {
             let message = format!("{path} has {rows}, and there are {}", counted(frames.len(), "frame"));
             return Err(Failure::given(message, Some("give an untouched frame for each frame, or leave --paired out")));
         }
-        let untouched = self.currents.convert_untouched(protocol, untouched)?;
         Ok(Recorded { frames, untouched, paired: self.paired })
     }
 }

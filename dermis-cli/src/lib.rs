@@ -15,6 +15,7 @@ mod described;
 mod emulated;
 mod failure;
 mod fitted;
+mod format;
 mod frames;
 mod guided;
 mod latency;

@@ -27,7 +27,7 @@ use std::path::PathBuf;
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Frames, one press in each row (CSV, NPY or NPZ; ohm).
+    /// Frames, one press in each row (CSV, NPY or NPZ; ohm, or see --unit).
     #[arg(long, value_name = "FILE", required_unless_present = "live")]
     frames: Option<PathBuf>,
     /// Untouched frames, one per row; their mean is the baseline.
