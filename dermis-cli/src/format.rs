@@ -76,13 +76,12 @@ impl From<PartChoice> for Part {
 }
 
 impl FormatArguments {
-    /// Reads frames: in ohm, or in volts where they are to be divided by measured currents. Channels that are left out need no
-    /// values and are 0.
+    /// Reads frames: in ohm, or in volts where they are to be divided by measured currents.
     pub fn read(
         &self,
         path: &Path,
         protocol: &Protocol,
-        left_out: &[usize],
+        options: &ReadOptions<'_>,
         has_currents: bool,
     ) -> Outcome<Vec<Frame>> {
         let factor = self.factor(has_currents)?;
@@ -90,7 +89,7 @@ impl FormatArguments {
             let fix = "read the real parts with --part real, or set amplitude_only = true in the design's [protocol]";
             return Err(Failure::given("magnitudes have no sign, and the values of this design have one", Some(fix)));
         }
-        let options = ReadOptions { left_out, part: self.part.map(Part::from) };
+        let options = ReadOptions { part: self.part.map(Part::from), ..*options };
         let mut frames = read_frames_with(path, protocol, &options)?;
         if factor != 1.0 {
             frames.iter_mut().flat_map(|frame| frame.iter_mut()).for_each(|value| *value *= factor);
@@ -103,10 +102,10 @@ impl FormatArguments {
         &self,
         path: &Path,
         protocol: &Protocol,
-        left_out: &[usize],
+        options: &ReadOptions<'_>,
         currents: Option<&Path>,
     ) -> Outcome<Vec<Frame>> {
-        divided(currents, protocol, self.read(path, protocol, left_out, currents.is_some())?)
+        divided(currents, protocol, self.read(path, protocol, options, currents.is_some())?)
     }
 
     /// What the values are multiplied with.

@@ -5,10 +5,11 @@ use crate::failure::{Failure, Outcome};
 use crate::format::{FormatArguments, divided};
 use crate::method::MethodArguments;
 use crate::skin;
+use crate::used::Used;
 use clap::{ArgGroup, Args};
 use dermis::finding::Finding;
 use dermis::fit::model_differences;
-use dermis::frame::{Differences, DriveCurrents, Frame, broken_channels, mean};
+use dermis::frame::{Differences, DriveCurrents, Frame, ReadOptions, broken_channels, mean};
 use dermis::plausibility::Plausibility;
 use dermis::protocol::Protocol;
 use dermis::reconstruct::ReconstructError;
@@ -70,13 +71,13 @@ impl CurrentArguments {
     }
 
     /// Reads frames in ohm.
-    fn read(&self, path: &Path, protocol: &Protocol, left_out: &[usize]) -> Outcome<Vec<Frame>> {
-        self.format.read_divided(path, protocol, left_out, self.currents.as_deref())
+    fn read(&self, path: &Path, protocol: &Protocol, options: &ReadOptions<'_>) -> Outcome<Vec<Frame>> {
+        self.format.read_divided(path, protocol, options, self.currents.as_deref())
     }
 
     /// Reads untouched frames in ohm.
-    fn read_untouched(&self, path: &Path, protocol: &Protocol, left_out: &[usize]) -> Outcome<Vec<Frame>> {
-        let frames = self.format.read(path, protocol, left_out, self.currents.is_some())?;
+    fn read_untouched(&self, path: &Path, protocol: &Protocol, options: &ReadOptions<'_>) -> Outcome<Vec<Frame>> {
+        let frames = self.format.read(path, protocol, options, self.currents.is_some())?;
         let Some(path) = &self.currents else { return Ok(frames) };
         if let Some(path) = &self.baseline_currents {
             return divided(Some(path), protocol, frames);
@@ -98,44 +99,66 @@ pub struct Recorded {
     pub untouched: Vec<Frame>,
     /// Whether each untouched frame belongs to the frame of the same row.
     pub paired: bool,
+    /// The rows of the frames in their file.
+    pub used: Used,
+}
+
+/// What becomes of frames with values that are missing or not finite.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Incomplete {
+    /// They are errors: what the command writes has a row for each frame.
+    Refused,
+    /// They are not used, with a warning.
+    LeftOut,
 }
 
 impl FrameArguments {
     /// Reads the frames for a method and subtracts the baseline. Channels that are left out need no values and are 0. Frames
     /// that cannot be those of the skin are refused.
     pub fn read(&self, skin: &Skin, method: &MethodArguments) -> Outcome<Differences> {
+        self.read_some(skin, method, Incomplete::Refused).map(|(differences, _)| differences)
+    }
+
+    /// [`read`](Self::read) without incomplete frames, with the rows of the others.
+    pub fn read_complete(&self, skin: &Skin, method: &MethodArguments) -> Outcome<(Differences, Used)> {
+        self.read_some(skin, method, Incomplete::LeftOut)
+    }
+
+    fn read_some(&self, skin: &Skin, method: &MethodArguments, incomplete: Incomplete) -> Outcome<(Differences, Used)> {
         let protocol = &skin.design().protocol;
         let left_out = &method.left_out(protocol)?[..];
         if self.baseline.as_deref().is_some_and(|path| path.as_os_str() == MODEL) {
             if self.paired {
                 return Err(Failure::given("the model is one untouched frame", Some("leave --paired out")));
             }
-            let frames = self.currents.read(&self.frames, protocol, left_out)?;
+            let (frames, used) = self.read_frames(protocol, left_out, incomplete)?;
+            let frames = used.select(&frames);
             let model = skin.forward().solve(skin.forward().rest_conductivity())?;
             let frames = model_differences(protocol, &model, &frames, left_out)?.frames;
             let check = Plausibility::new(protocol, &model, left_out);
-            self.report(&self.frames, check.of_model_differences(&frames), true)?;
-            return Ok(Differences { frames, ..Differences::default() });
+            self.report(&self.frames, in_file(check.of_model_differences(&frames), &used), true)?;
+            return Ok((Differences { frames, ..Differences::default() }, used));
         }
-        let recorded = self.read_recorded(protocol, left_out)?;
+        let recorded = self.read_recorded(protocol, left_out, incomplete)?;
         self.check(skin, &recorded, left_out, method.calibration().is_none())?;
-        Ok(recorded.into_differences())
+        let used = recorded.used.clone();
+        Ok((recorded.into_differences(), used))
     }
 
     /// Refuses frames that cannot be those of the skin, and warns of doubtful ones; where contacts do not depend on the model,
     /// it warns of a baseline that is not the model's.
     pub fn check(&self, skin: &Skin, recorded: &Recorded, left_out: &[usize], needs_model: bool) -> Outcome {
         skin::warn_if_ambiguous(skin)?;
-        let Recorded { frames, untouched, .. } = recorded;
+        let Recorded { frames, untouched, used, .. } = recorded;
         let mut unused = [left_out, &broken_channels(untouched)].concat();
         unused.sort_unstable();
         let model = skin.forward().solve(skin.forward().rest_conductivity())?;
         let check = Plausibility::new(&skin.design().protocol, &model, &unused);
         let Some(baseline) = mean(untouched) else {
-            return self.report(&self.frames, check.of_differences(frames), true);
+            return self.report(&self.frames, in_file(check.of_differences(frames), used), true);
         };
         self.report(self.baseline.as_deref().unwrap_or(&self.frames), check.of_baseline(&baseline), needs_model)?;
-        self.report(&self.frames, check.of_frames(frames, &baseline), true)
+        self.report(&self.frames, in_file(check.of_frames(frames, &baseline), used), true)
     }
 
     /// An error of a finding that is certain, a warning of any other.
@@ -150,13 +173,28 @@ impl FrameArguments {
         Ok(())
     }
 
-    /// Reads the frames. Channels that are left out need no values and are 0.
-    pub fn read_recorded(&self, protocol: &Protocol, left_out: &[usize]) -> Outcome<Recorded> {
-        let frames = self.currents.read(&self.frames, protocol, left_out)?;
+    /// All frames, and which of them are used.
+    fn read_frames(
+        &self,
+        protocol: &Protocol,
+        left_out: &[usize],
+        incomplete: Incomplete,
+    ) -> Outcome<(Vec<Frame>, Used)> {
+        let options = ReadOptions { left_out, keep_incomplete: incomplete == Incomplete::LeftOut, part: None };
+        let frames = self.currents.read(&self.frames, protocol, &options)?;
+        let used = Used::of(&self.frames, &frames)?;
+        Ok((frames, used))
+    }
+
+    /// Reads the frames. Channels that are left out need no values and are 0. Untouched frames that are incomplete are not used.
+    pub fn read_recorded(&self, protocol: &Protocol, left_out: &[usize], incomplete: Incomplete) -> Outcome<Recorded> {
+        let (frames, mut used) = self.read_frames(protocol, left_out, incomplete)?;
         let Some(path) = &self.baseline else {
-            return Ok(Recorded { frames, untouched: Vec::new(), paired: false });
+            return Ok(Recorded { frames: used.select(&frames), untouched: Vec::new(), paired: false, used });
         };
-        let untouched = self.currents.read_untouched(path, protocol, left_out)?;
+        let keep_incomplete = incomplete == Incomplete::LeftOut || !self.paired;
+        let options = ReadOptions { left_out, keep_incomplete, part: None };
+        let untouched = self.currents.read_untouched(path, protocol, &options)?;
         if untouched.is_empty() {
             return Err(Failure::given(format!("{} holds no frame", path.display()), None));
         }
@@ -165,8 +203,25 @@ impl FrameArguments {
             let message = format!("{path} has {rows}, and there are {}", counted(frames.len(), "frame"));
             return Err(Failure::given(message, Some("give an untouched frame for each frame, or leave --paired out")));
         }
-        Ok(Recorded { frames, untouched, paired: self.paired })
+        let mut rest = Used::of(path, &untouched)?;
+        if self.paired {
+            used = used.and(&rest);
+            rest = used.clone();
+        }
+        if used.rows.is_empty() {
+            let message = format!("no row is complete in {} and in {}", self.frames.display(), path.display());
+            return Err(Failure::given(message, Some("mend the frames, or leave --paired out")));
+        }
+        Ok(Recorded { frames: used.select(&frames), untouched: rest.select(&untouched), paired: self.paired, used })
     }
+}
+
+/// A finding with the rows of the file.
+fn in_file(found: Option<Finding>, used: &Used) -> Option<Finding> {
+    found.map(|mut found| {
+        found.rows = used.rows_of(&found.rows);
+        found
+    })
 }
 
 impl Recorded {

@@ -27,6 +27,7 @@ mod range;
 mod rows;
 mod skin;
 mod source;
+mod used;
 
 pub use command::train::losses;
 pub use described::{DescribedArgument, DescribedCommand};

@@ -12,7 +12,7 @@ use crate::skin;
 use crate::source::SourceArguments;
 use clap::Args;
 use dermis::finding::{Severity, is_sound};
-use dermis::frame::Frame;
+use dermis::frame::{Frame, ReadOptions};
 use dermis::method::MethodSet;
 use dermis::pipeline::Settings;
 use dermis::skin::Skin;
@@ -67,7 +67,10 @@ impl Arguments {
         let (frames, source) = match &self.frames {
             Some(path) => {
                 let (protocol, currents) = (&skin.design().protocol, self.currents.as_deref());
-                (self.format.read_divided(path, protocol, &[], currents)?, path.display().to_string())
+                (
+                    self.format.read_divided(path, protocol, &ReadOptions::default(), currents)?,
+                    path.display().to_string(),
+                )
             }
             None => self.read_source(&skin)?,
         };

@@ -50,7 +50,8 @@ impl Part {
 pub(super) fn without_part(count: usize) -> String {
     let values = if count == 1 { "1 complex value".to_string() } else { format!("{count} complex values") };
     format!(
-        "it has {values}: choose what is read of frames with --part real, magnitude or imaginary; in other files write it"
+        "it has {values}: choose their part with --part real, magnitude or imaginary; in a file that is not of frames, write \
+         the part"
     )
 }
 

@@ -7,6 +7,7 @@ mod csv;
 mod currents;
 mod differences;
 mod lines;
+mod names;
 mod npy;
 #[cfg_attr(not(feature = "npz"), path = "no_npz.rs")]
 mod npz;

@@ -2,7 +2,7 @@
 
 use crate::frame::complex::Part;
 use crate::frame::table::{file_error, read_rows, with_columns};
-use crate::frame::{Frame, Table, TableError, arrangement};
+use crate::frame::{Frame, Table, TableError, arrangement, names};
 use crate::protocol::Protocol;
 use std::path::Path;
 
@@ -14,13 +14,16 @@ pub struct ReadOptions<'a> {
     /// The part of complex values. They may also be pairs of columns: magnitude and phase, or real and imaginary part. The first
     /// of each pair is then read, and with [`Part::Imaginary`] the second.
     pub part: Option<Part>,
+    /// Whether frames with values that are missing, `NaN` or infinite are kept, with these values. Otherwise they are errors.
+    pub keep_incomplete: bool,
 }
 
 /// Reads frames (or differences of frames) of a protocol, ohm, one per row.
 ///
 /// A header, and a first column of frame numbers or times, are dropped. Frames may also be columns, a row for each channel; or
 /// have one drive in each row, so that an array is frames x drives x measures; or they have the voltages between all
-/// neighbouring electrodes for every drive, whose sum is zero, of which the protocol's channels are taken.
+/// neighbouring electrodes for every drive, whose sum is zero, of which the protocol's channels are taken. Columns that are
+/// named by their electrodes (`v_0_1_2_3`) or channels (`ch12`) may have any order.
 ///
 /// # Errors
 /// As [`read_table`](crate::frame::read_table); rows that do not have a value for every channel; a value that is missing, `NaN`
@@ -48,7 +51,9 @@ pub fn read_frames_with(path: &Path, protocol: &Protocol, options: &ReadOptions<
         Some(part) => part_of_pairs(table, part, channel_count),
         None => Ok(table),
     };
-    let table = table.and_then(|table| arrangement::frames_in_rows(table, protocol));
+    let table = table
+        .and_then(|table| names::in_order(table, protocol))
+        .and_then(|table| arrangement::frames_in_rows(table, protocol));
     let table = table.map_err(|message| file_error(path, message))?;
     let table = with_columns(table, path, channel_count, "frames of this protocol")?;
     let mut frames = Vec::with_capacity(table.rows.len());
@@ -56,7 +61,8 @@ pub fn read_frames_with(path: &Path, protocol: &Protocol, options: &ReadOptions<
         for &channel in options.left_out {
             values.get_mut(channel).into_iter().for_each(|value| *value = 0.0);
         }
-        if let Some(channel) = values.iter().position(|value| !value.is_finite()) {
+        let missing = values.iter().position(|value| !value.is_finite());
+        if let Some(channel) = missing.filter(|_| !options.keep_incomplete) {
             let message = format!("channel {channel} is {}: mend the frame, or leave the channel out", values[channel]);
             return Err(TableError::Cell { path: path.to_path_buf(), row, column: None, message });
         }
