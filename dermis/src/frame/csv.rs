@@ -47,21 +47,24 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>, part: Opti
         lines.iter_mut().for_each(|(_, line)| *line = line.strip_suffix(separator).unwrap_or(line));
         header = header.map(|line| line.strip_suffix(separator).unwrap_or(line));
     }
+    let complex_count = part.map_or(0, |_| count_complex(&lines, separator));
     let is_real =
         |(_, line): &(usize, &str)| split(line, separator).first().is_some_and(|field| complex(field).is_none());
     let reading = Reading {
         separator,
         gaps: columns.is_some(),
-        part,
+        // Pairs of columns have no complex values.
+        part: part.filter(|_| complex_count > 0),
         // Row numbers and times have no parts.
-        first_is_real: part.is_some() && lines.iter().all(is_real),
+        first_is_real: lines.iter().all(is_real),
     };
     let rows: Result<_, TableError> =
         lines.iter().map(|&(index, line)| Ok((index, row(line, index, reading, path)?))).collect();
-    let is_wanted = part.is_some() || rows.is_err();
-    let complex_count = if is_wanted { count_complex(&lines, separator) } else { 0 };
-    if complex_count > 0 && part.is_none() {
-        return Err(TableError::File { path: path.to_path_buf(), message: without_part(complex_count) });
+    if part.is_none() && rows.is_err() {
+        let count = count_complex(&lines, separator);
+        if count > 0 {
+            return Err(TableError::File { path: path.to_path_buf(), message: without_part(count) });
+        }
     }
     Ok(Rows {
         header: header.map(|line| split(line, separator).into_iter().map(name).collect()),
