@@ -53,6 +53,17 @@ impl Presses {
         self.frame
     }
 
+    /// Only the presses of some rows, in their order: those of frames that are used.
+    ///
+    /// # Panics
+    /// A row that does not exist.
+    #[must_use]
+    pub fn of_rows(mut self, rows: &[usize]) -> Self {
+        self.positions_m = rows.iter().map(|&row| self.positions_m[row]).collect();
+        self.forces_n = rows.iter().map(|&row| self.forces_n[row]).collect();
+        self
+    }
+
     /// The presses of some rows.
     ///
     /// # Panics

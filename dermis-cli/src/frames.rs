@@ -2,12 +2,14 @@
 
 use crate::console::{Progress, warn};
 use crate::failure::{Failure, Outcome};
+use crate::format::{FormatArguments, divided};
 use crate::method::MethodArguments;
 use crate::skin;
+use crate::used::Used;
 use clap::{ArgGroup, Args};
 use dermis::finding::Finding;
 use dermis::fit::model_differences;
-use dermis::frame::{Differences, DriveCurrents, Frame, broken_channels, mean, read_frames_without};
+use dermis::frame::{Differences, DriveCurrents, Frame, ReadOptions, broken_channels, mean};
 use dermis::plausibility::Plausibility;
 use dermis::protocol::Protocol;
 use dermis::reconstruct::ReconstructError;
@@ -23,7 +25,7 @@ const MODEL: &str = "model";
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("rest").args(["baseline", "difference"]).required(true))]
 pub struct FrameArguments {
-    /// Frames, one per row (CSV, NPY or NPZ; ohm).
+    /// Frames, one per row (CSV, NPY or NPZ; ohm, or see --unit).
     #[arg(long, value_name = "FILE")]
     pub frames: PathBuf,
     /// Untouched frames, one per row; their mean is the baseline. With 8 or more, the noise is measured from their
@@ -48,7 +50,7 @@ pub const PAIRED_HELP: &str = "Each row of --baseline is the untouched frame of 
 
 /// Help of `--currents`.
 pub const CURRENTS_HELP: &str = "Measured currents of the drives (A; CSV, NPY or NPZ), a column per drive in the order \
-    of the protocol: one row for all frames, or one per frame. The frames are then voltages (V)";
+    of the protocol: one row for all frames, or one per frame. The frames are then voltages (V, or in --unit)";
 
 /// Measured drive currents, of instruments that record voltages.
 #[derive(Debug, Clone, Args)]
@@ -58,6 +60,8 @@ pub struct CurrentArguments {
     /// Currents of the untouched frames [default: the row of --currents, if it has one for all frames].
     #[arg(long, value_name = "FILE", requires = "currents", conflicts_with = "difference")]
     baseline_currents: Option<PathBuf>,
+    #[command(flatten)]
+    format: FormatArguments,
 }
 
 impl CurrentArguments {
@@ -66,13 +70,14 @@ impl CurrentArguments {
         self.currents.is_some()
     }
 
-    /// Frames in ohm.
-    fn convert(&self, protocol: &Protocol, frames: Vec<Frame>) -> Outcome<Vec<Frame>> {
-        divided(self.currents.as_deref(), protocol, frames)
+    /// Reads frames in ohm.
+    fn read(&self, path: &Path, protocol: &Protocol, options: &ReadOptions<'_>) -> Outcome<Vec<Frame>> {
+        self.format.read_divided(path, protocol, options, self.currents.as_deref())
     }
 
-    /// Untouched frames in ohm.
-    fn convert_untouched(&self, protocol: &Protocol, frames: Vec<Frame>) -> Outcome<Vec<Frame>> {
+    /// Reads untouched frames in ohm.
+    fn read_untouched(&self, path: &Path, protocol: &Protocol, options: &ReadOptions<'_>) -> Outcome<Vec<Frame>> {
+        let frames = self.format.read(path, protocol, options, self.currents.is_some())?;
         let Some(path) = &self.currents else { return Ok(frames) };
         if let Some(path) = &self.baseline_currents {
             return divided(Some(path), protocol, frames);
@@ -85,12 +90,6 @@ impl CurrentArguments {
     }
 }
 
-/// Frames divided by the currents of a file, if there is one.
-pub fn divided(currents: Option<&Path>, protocol: &Protocol, frames: Vec<Frame>) -> Outcome<Vec<Frame>> {
-    let Some(path) = currents else { return Ok(frames) };
-    Ok(DriveCurrents::read(path, protocol, frames.len())?.frames_per_ampere(protocol, frames))
-}
-
 /// Frames as they are in their files.
 #[derive(Debug)]
 pub struct Recorded {
@@ -100,35 +99,56 @@ pub struct Recorded {
     pub untouched: Vec<Frame>,
     /// Whether each untouched frame belongs to the frame of the same row.
     pub paired: bool,
+    /// The rows of the frames in their file.
+    pub used: Used,
+}
+
+/// What becomes of frames with values that are missing or not finite.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Incomplete {
+    /// They are errors: what the command writes has a row for each frame.
+    Refused,
+    /// They are not used, with a warning.
+    LeftOut,
 }
 
 impl FrameArguments {
     /// Reads the frames for a method and subtracts the baseline. Channels that are left out need no values and are 0. Frames
     /// that cannot be those of the skin are refused.
     pub fn read(&self, skin: &Skin, method: &MethodArguments) -> Outcome<Differences> {
+        self.read_some(skin, method, Incomplete::Refused).map(|(differences, _)| differences)
+    }
+
+    /// [`read`](Self::read) without incomplete frames, with the rows of the others.
+    pub fn read_complete(&self, skin: &Skin, method: &MethodArguments) -> Outcome<(Differences, Used)> {
+        self.read_some(skin, method, Incomplete::LeftOut)
+    }
+
+    fn read_some(&self, skin: &Skin, method: &MethodArguments, incomplete: Incomplete) -> Outcome<(Differences, Used)> {
         let left_out = &method.left_out(&skin.design().protocol)?[..];
-        let recorded = self.read_recorded(skin, left_out)?;
+        let recorded = self.read_recorded(skin, left_out, incomplete)?;
         self.check(skin, &recorded, left_out, method.calibration().is_none())?;
-        Ok(recorded.into_differences())
+        let used = recorded.used.clone();
+        Ok((recorded.into_differences(), used))
     }
 
     /// Refuses frames that cannot be those of the skin, and warns of doubtful ones; where contacts do not depend on the model,
     /// it warns of a baseline that is not the model's.
     pub fn check(&self, skin: &Skin, recorded: &Recorded, left_out: &[usize], needs_model: bool) -> Outcome {
         skin::warn_if_ambiguous(skin)?;
-        let Recorded { frames, untouched, .. } = recorded;
+        let Recorded { frames, untouched, used, .. } = recorded;
         let mut unused = [left_out, &broken_channels(untouched)].concat();
         unused.sort_unstable();
         let model = skin.forward().solve(skin.forward().rest_conductivity())?;
         let check = Plausibility::new(&skin.design().protocol, &model, &unused);
         if self.is_of_model() {
-            return self.report(&self.frames, check.of_model_differences(frames), true);
+            return self.report(&self.frames, in_file(check.of_model_differences(frames), used), true);
         }
         let Some(baseline) = mean(untouched) else {
-            return self.report(&self.frames, check.of_differences(frames), true);
+            return self.report(&self.frames, in_file(check.of_differences(frames), used), true);
         };
         self.report(self.baseline.as_deref().unwrap_or(&self.frames), check.of_baseline(&baseline), needs_model)?;
-        self.report(&self.frames, check.of_frames(frames, &baseline), true)
+        self.report(&self.frames, in_file(check.of_frames(frames, &baseline), used), true)
     }
 
     /// An error of a finding that is certain, a warning of any other.
@@ -157,23 +177,38 @@ impl FrameArguments {
         Ok(Plausibility::new(&skin.design().protocol, &model, &[]).of_model_differences(differences))
     }
 
-    /// Reads the frames. Channels that are left out need no values and are 0. Of the untouched frame of the design they are
-    /// the differences.
-    pub fn read_recorded(&self, skin: &Skin, left_out: &[usize]) -> Outcome<Recorded> {
+    /// All frames, and which of them are used.
+    fn read_frames(
+        &self,
+        protocol: &Protocol,
+        left_out: &[usize],
+        incomplete: Incomplete,
+    ) -> Outcome<(Vec<Frame>, Used)> {
+        let options = ReadOptions { left_out, keep_incomplete: incomplete == Incomplete::LeftOut, part: None };
+        let frames = self.currents.read(&self.frames, protocol, &options)?;
+        let used = Used::of(&self.frames, &frames)?;
+        Ok((frames, used))
+    }
+
+    /// Reads the frames. Channels that are left out need no values and are 0. Untouched frames that are incomplete are not used.
+    /// With the untouched frame of the design, the differences from it are returned.
+    pub fn read_recorded(&self, skin: &Skin, left_out: &[usize], incomplete: Incomplete) -> Outcome<Recorded> {
         let protocol = &skin.design().protocol;
-        let frames = self.currents.convert(protocol, read_frames_without(&self.frames, protocol, left_out)?)?;
+        let (frames, mut used) = self.read_frames(protocol, left_out, incomplete)?;
         if self.is_of_model() {
             if self.paired {
                 return Err(Failure::given("the model is one untouched frame", Some("leave --paired out")));
             }
             let model = skin.forward().solve(skin.forward().rest_conductivity())?;
-            let frames = model_differences(protocol, &model, &frames, left_out)?.frames;
-            return Ok(Recorded { frames, untouched: Vec::new(), paired: false });
+            let frames = model_differences(protocol, &model, &used.select(&frames), left_out)?.frames;
+            return Ok(Recorded { frames, untouched: Vec::new(), paired: false, used });
         }
         let Some(path) = &self.baseline else {
-            return Ok(Recorded { frames, untouched: Vec::new(), paired: false });
+            return Ok(Recorded { frames: used.select(&frames), untouched: Vec::new(), paired: false, used });
         };
-        let untouched = read_frames_without(path, protocol, left_out)?;
+        let keep_incomplete = incomplete == Incomplete::LeftOut || !self.paired;
+        let options = ReadOptions { left_out, keep_incomplete, part: None };
+        let untouched = self.currents.read_untouched(path, protocol, &options)?;
         if untouched.is_empty() {
             return Err(Failure::given(format!("{} holds no frame", path.display()), None));
         }
@@ -182,9 +217,25 @@ impl FrameArguments {
             let message = format!("{path} has {rows}, and there are {}", counted(frames.len(), "frame"));
             return Err(Failure::given(message, Some("give an untouched frame for each frame, or leave --paired out")));
         }
-        let untouched = self.currents.convert_untouched(protocol, untouched)?;
-        Ok(Recorded { frames, untouched, paired: self.paired })
+        let mut rest = Used::of(path, &untouched)?;
+        if self.paired {
+            used = used.and(&rest);
+            rest = used.clone();
+        }
+        if used.rows.is_empty() {
+            let message = format!("no row is complete in {} and in {}", self.frames.display(), path.display());
+            return Err(Failure::given(message, Some("mend the frames, or leave --paired out")));
+        }
+        Ok(Recorded { frames: used.select(&frames), untouched: rest.select(&untouched), paired: self.paired, used })
     }
+}
+
+/// A finding with the rows of the file.
+fn in_file(found: Option<Finding>, used: &Used) -> Option<Finding> {
+    found.map(|mut found| {
+        found.rows = used.rows_of(&found.rows);
+        found
+    })
 }
 
 impl Recorded {

@@ -15,6 +15,7 @@ mod described;
 mod emulated;
 mod failure;
 mod fitted;
+mod format;
 mod frames;
 mod guided;
 mod latency;
@@ -26,6 +27,7 @@ mod range;
 mod rows;
 mod skin;
 mod source;
+mod used;
 
 pub use command::train::losses;
 pub use described::{DescribedArgument, DescribedCommand};

@@ -210,7 +210,11 @@ fn files_as_boards_write_them_are_read() {
         assert_eq!(code, Some(0), "{frames}: {text}");
     }
     let (code, text) = said(&at, "reconstruct disk.toml --frames iirc_ref_complex.csv --difference -o x.npy");
-    assert!(code == Some(2) && text.contains("is a complex number"), "{text}");
+    assert!(code == Some(2) && text.contains("256 complex values") && text.contains("--part real"), "{text}");
+    // Driven electrodes are measured at too.
+    let (code, text) =
+        said(&at, "reconstruct disk.toml --frames iirc_ref_complex.csv --difference --part real -o x.npy");
+    assert!(code == Some(2) && text.contains("too many values: 256"), "{text}");
 }
 
 #[test]

@@ -3,10 +3,10 @@
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::fitted;
-use crate::frames::{CurrentArguments, FrameArguments, PAIRED_HELP, Recorded};
+use crate::frames::{CurrentArguments, FrameArguments, Incomplete, PAIRED_HELP, Recorded};
 use crate::guided::GuidedArguments;
 use crate::range::count;
-use crate::rows::{Rows, chosen};
+use crate::rows::Rows;
 use crate::skin;
 use clap::{ArgGroup, Args};
 use dermis::finding::FindingKind;
@@ -27,7 +27,7 @@ use std::path::PathBuf;
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Frames, one press in each row (CSV, NPY or NPZ; ohm).
+    /// Frames, one press in each row (CSV, NPY or NPZ; ohm, or see --unit).
     #[arg(long, value_name = "FILE", required_unless_present = "live")]
     frames: Option<PathBuf>,
     /// Untouched frames, one per row; their mean is the baseline.
@@ -90,12 +90,12 @@ impl Arguments {
             force: self.force,
             currents: self.currents.clone(),
         };
-        let recorded = frames.read_recorded(&skin, &[])?;
+        let recorded = frames.read_recorded(&skin, &[], Incomplete::LeftOut)?;
         frames.check(&skin, &recorded, &[], false)?;
-        let presses = Presses::read(truth, &skin, recorded.frames.len())?;
+        let presses = Presses::read(truth, &skin, recorded.used.count)?.of_rows(&recorded.used.rows);
         warn_of_faults(&skin, &recorded, &presses)?;
+        let labels = presses.labels(&recorded.used.chosen(self.labels.as_ref(), "--labels")?);
         let frames = recorded.into_differences().frames;
-        let labels = presses.labels(&chosen(self.labels.as_ref(), frames.len(), "--labels")?);
         let last = labels.last().map_or(0, |label| label.row);
         let used = if self.unlabelled { &frames[..] } else { &frames[..=last] };
         let fitted = fitted::fit(&skin, used, &labels, presses.frame(), method)?;
@@ -197,14 +197,15 @@ impl Outlook {
 
 /// Warns of faults of the recording that the calibration does not mend itself.
 fn warn_of_faults(skin: &Skin, recorded: &Recorded, presses: &Presses) -> Outcome {
-    let Recorded { frames, untouched, .. } = recorded;
+    let Recorded { frames, untouched, used, .. } = recorded;
     let (positions_m, label_frame) = (Some(presses.positions_m()), presses.frame());
     let recording = Recording { frames, untouched, positions_m, label_frame };
     let checked = {
         let _waiting = Progress::waiting("checking the recording");
         check_recording(skin, &recording)?
     };
-    for fault in checked.faults().filter(|fault| fault.kind != FindingKind::Late) {
+    for mut fault in checked.faults().filter(|fault| fault.kind != FindingKind::Late).cloned() {
+        fault.rows = used.rows_of(&fault.rows);
         warn(&format!("{}: {} = {}; {}", fault.title(), fault.evidence, fault.value_text(), fault.fix));
     }
     Ok(())

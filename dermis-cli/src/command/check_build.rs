@@ -4,14 +4,15 @@ use crate::build_page::page;
 use crate::build_watch::FRAMES;
 use crate::console::{Progress, known, notice_line, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
-use crate::frames::{CURRENTS_HELP, divided};
+use crate::format::FormatArguments;
+use crate::frames::CURRENTS_HELP;
 use crate::picture::check_page_ending;
 use crate::range::count;
 use crate::skin;
 use crate::source::SourceArguments;
 use clap::Args;
 use dermis::finding::{Severity, is_sound};
-use dermis::frame::{Frame, read_frames};
+use dermis::frame::{Frame, ReadOptions};
 use dermis::method::MethodSet;
 use dermis::pipeline::Settings;
 use dermis::skin::Skin;
@@ -36,11 +37,13 @@ const PATIENCE: Duration = Duration::from_secs(10);
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Frames of the untouched skin, one per row (CSV, NPY or NPZ; ohm), in place of a --source.
+    /// Frames of the untouched skin, one per row (CSV, NPY or NPZ; ohm, or see --unit), in place of a --source.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["source", "take"])]
     frames: Option<PathBuf>,
     #[arg(long, value_name = "FILE", requires = "frames", help = CURRENTS_HELP)]
     currents: Option<PathBuf>,
+    #[command(flatten)]
+    format: FormatArguments,
     /// Frames to take from the source.
     #[arg(long, value_name = "N", default_value_t = FRAMES, value_parser = count(1..=100_000usize))]
     take: usize,
@@ -63,8 +66,11 @@ impl Arguments {
         let skin = skin::load(&self.design)?;
         let (frames, source) = match &self.frames {
             Some(path) => {
-                let frames = read_frames(path, &skin.design().protocol)?;
-                (divided(self.currents.as_deref(), &skin.design().protocol, frames)?, path.display().to_string())
+                let (protocol, currents) = (&skin.design().protocol, self.currents.as_deref());
+                (
+                    self.format.read_divided(path, protocol, &ReadOptions::default(), currents)?,
+                    path.display().to_string(),
+                )
             }
             None => self.read_source(&skin)?,
         };

@@ -3,7 +3,7 @@
 use crate::check_page::page;
 use crate::console::{Progress, known, print, print_json};
 use crate::failure::Outcome;
-use crate::frames::{FrameArguments, Recorded};
+use crate::frames::{FrameArguments, Incomplete, Recorded};
 use crate::picture::check_page_ending;
 use crate::skin;
 use clap::Args;
@@ -49,7 +49,7 @@ impl Arguments {
         }
         let skin = skin::load(&self.design)?;
         skin::warn_if_ambiguous(&skin)?;
-        let Recorded { frames, untouched, .. } = self.frames.read_recorded(&skin, &[])?;
+        let Recorded { frames, untouched, .. } = self.frames.read_recorded(&skin, &[], Incomplete::Refused)?;
         let presses = self.truth.as_ref().map(|path| Presses::read(path, &skin, frames.len())).transpose()?;
         let positions_m = presses.as_ref().map(Presses::positions_m);
         let mut checked = {

@@ -61,21 +61,22 @@ impl Arguments {
     pub fn run(self) -> Outcome {
         let (output, is_table) = self.output()?;
         let skin = skin::load(&self.design)?;
-        let differences = self.frames.read(&skin, &self.method)?;
+        let (differences, used) = self.frames.read_complete(&skin, &self.method)?;
         let method = self.method.prepare(&skin, &differences)?;
         let pose = self.pose(&skin, &method)?;
         let detector = self.detect.detector(&skin, &method, &differences)?;
         let frames = &differences.frames;
-        let mut contacts = self.detect.in_each(&method, &detector, frames, |_, contacts| contacts)?;
+        let contacts = self.detect.in_each(&method, &detector, frames, |_, contacts| contacts)?;
+        let mut contacts: Vec<(usize, Vec<Contact>)> = used.rows.into_iter().zip(contacts).collect();
         if let Some(pose) = pose {
-            contacts.iter_mut().flatten().for_each(|contact| to_robot(contact, &pose));
+            contacts.iter_mut().flat_map(|(_, of)| of).for_each(|contact| to_robot(contact, &pose));
         }
         let surface = skin.design().body.surface();
         output.write(|out| match is_table {
             true => write_csv(out, &contacts, &surface, self.detect.both_signs()),
             false => write_jsonl(out, &contacts),
         })?;
-        let count: usize = contacts.iter().map(Vec::len).sum();
+        let count: usize = contacts.iter().map(|(_, of)| of.len()).sum();
         let (contacts, frames) = (counted(count, "contact"), counted(contacts.len(), "frame"));
         let noise = ChannelNoise::of_differences(&differences, &skin.design().protocol);
         let noise = noise.map(|noise| format!("\n{noise}")).unwrap_or_default();
@@ -117,15 +118,19 @@ fn to_robot(contact: &mut Contact, pose: &Pose) {
 }
 
 /// A row for each contact; its sign is last, where contacts of both signs were looked for.
-fn write_csv(out: &mut dyn Write, frames: &[Vec<Contact>], surface: &Surface, both_signs: bool) -> std::io::Result<()> {
+fn write_csv(
+    out: &mut dyn Write,
+    frames: &[(usize, Vec<Contact>)],
+    surface: &Surface,
+    both_signs: bool,
+) -> std::io::Result<()> {
     let is_sign = |field: &&Field<Contact>| field.kind == FieldKind::Change;
     let fields = Contact::FIELDS.iter().filter(|field| !is_sign(field));
     let signs = Contact::FIELDS.iter().filter(|field| both_signs && is_sign(field));
     let columns = |field: &Field<Contact>| field.columns.join(",");
     let header = fields.clone().map(columns).chain(["theta_rad".into()]).chain(signs.clone().map(columns));
     writeln!(out, "frame,{}", header.collect::<Vec<String>>().join(","))?;
-    for (frame, contact) in frames.iter().enumerate().flat_map(|(frame, found)| found.iter().map(move |of| (frame, of)))
-    {
+    for (frame, contact) in frames.iter().flat_map(|(frame, found)| found.iter().map(move |of| (frame, of))) {
         let cells = |field: &Field<Contact>| match field.kind {
             FieldKind::Count => field.numbers(contact).map(|count| count.to_string()).collect(),
             FieldKind::Change => contact.conductance.map_or("", ConductanceChange::name).into(),
@@ -144,9 +149,9 @@ fn known(value: f64) -> String {
 }
 
 /// A line of JSON for each frame.
-fn write_jsonl(out: &mut dyn Write, frames: &[Vec<Contact>]) -> std::io::Result<()> {
-    for (frame, contacts) in frames.iter().enumerate() {
-        json_line(out, &FrameContacts { frame, contacts })?;
+fn write_jsonl(out: &mut dyn Write, frames: &[(usize, Vec<Contact>)]) -> std::io::Result<()> {
+    for (frame, contacts) in frames {
+        json_line(out, &FrameContacts { frame: *frame, contacts })?;
     }
     Ok(())
 }

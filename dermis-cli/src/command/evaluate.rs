@@ -6,8 +6,9 @@ use crate::frames::FrameArguments;
 use crate::method::{DetectArguments, MethodArguments};
 use crate::press_report::{PressReport, ReportArguments};
 use crate::range::count;
-use crate::rows::{Rows, chosen};
+use crate::rows::Rows;
 use crate::skin;
+use crate::used::Used;
 use clap::Args;
 use dermis::contact::Contact;
 use dermis::frame::{Differences, EvaluatedPress, Frame, Truth, frames_after_last_touch, read_truth};
@@ -64,16 +65,16 @@ impl Arguments {
     pub fn run(self) -> Outcome {
         self.report.check()?;
         let skin = skin::load(&self.design)?;
-        let differences = self.frames.read(&skin, &self.method)?;
+        let (differences, used) = self.frames.read_complete(&skin, &self.method)?;
         if let Some(folder) = self.method.calibration() {
-            return self.calibrated(&skin, folder, &differences);
+            return self.calibrated(&skin, folder, &differences, &used);
         }
-        let truth = read_truth(&self.truth, &skin::place_limits(&skin), differences.frames.len())?;
+        let truth = read_truth(&self.truth, &skin::place_limits(&skin), used.count)?;
         let path = self.truth.display();
         match (truth, self.align) {
-            (Truth::OnSkin(truth), None) => self.on_skin(&skin, differences, truth),
+            (Truth::OnSkin(truth), None) => self.on_skin(&skin, differences, &truth, &used),
             (Truth::Elsewhere { positions_m, .. }, Some(count)) => {
-                self.align(&skin, &differences.frames, &positions_m, count)
+                self.align(&skin, &differences.frames, &used.select(&positions_m), (count, &used))
             }
             (Truth::Elsewhere { .. }, None) => {
                 let message = format!("{path} has no header: the coordinate frame of its positions is unknown");
@@ -88,7 +89,7 @@ impl Arguments {
     }
 
     /// Scores a forward map.
-    fn calibrated(&self, skin: &Skin, folder: &Path, differences: &Differences) -> Outcome {
+    fn calibrated(&self, skin: &Skin, folder: &Path, differences: &Differences, used: &Used) -> Outcome {
         if self.align.is_some() {
             let fix = Some("leave --align out");
             return Err(Failure::given("the pose of a calibrated skin is known", fix));
@@ -98,9 +99,10 @@ impl Arguments {
         self.detect.detector(skin, &method, &Differences::default())?;
         let calibration = Calibration::load(folder, skin.design())?;
         let frames = &differences.frames;
-        let presses = Presses::read(&self.truth, skin, frames.len())?;
-        let rows = chosen(self.rows.as_ref(), frames.len(), "--rows")?;
-        let (score, presses) = calibration.evaluate(skin, frames, &presses, &rows)?;
+        let presses = Presses::read(&self.truth, skin, used.count)?.of_rows(&used.rows);
+        let rows = used.chosen(self.rows.as_ref(), "--rows")?;
+        let (score, mut presses) = calibration.evaluate(skin, frames, &presses, &rows)?;
+        presses.iter_mut().for_each(|press| press.row = used.rows[press.row]);
         let pose = calibration.pose().copied();
         self.report.write(&PressReport { skin, method: method.label(), presses: &presses, pose })?;
         if self.json {
@@ -120,19 +122,20 @@ impl Arguments {
     }
 
     /// Scores any other method against touches on the skin.
-    fn on_skin(&self, skin: &Skin, differences: Differences, truth: Vec<Vec<Contact>>) -> Outcome {
-        self.warn_of_frames_after(&truth);
+    fn on_skin(&self, skin: &Skin, differences: Differences, truth: &[Vec<Contact>], used: &Used) -> Outcome {
+        self.warn_of_frames_after(truth);
+        let truth = used.select(truth);
         let method = self.method.prepare(skin, &differences)?;
         let detector = self.detect.detector(skin, &method, &differences)?;
-        let rows = chosen(self.rows.as_ref(), truth.len(), "--rows")?;
+        let rows = used.chosen(self.rows.as_ref(), "--rows")?;
         let frames: Vec<Frame> = rows.iter().map(|&row| differences.frames[row].clone()).collect();
         let truth: Vec<Vec<Contact>> = rows.iter().map(|&row| truth[row].clone()).collect();
         let found = self.detect.in_each(&method, &detector, &frames, |image, contacts| (image, contacts))?;
         let (images, contacts): (Vec<_>, Vec<_>) = found.into_iter().unzip();
         let score = score_contacts(&images, &contacts, &truth, method.label(), method.alpha())?;
         let surface = skin.design().body.surface();
-        let presses: Vec<EvaluatedPress> = (rows.iter().zip(&truth).zip(&contacts))
-            .flat_map(|((&row, touches), found)| matched_presses(row, touches, found, &surface))
+        let presses: Vec<EvaluatedPress> = (used.rows_of(&rows).into_iter().zip(&truth).zip(&contacts))
+            .flat_map(|((row, touches), found)| matched_presses(row, touches, found, &surface))
             .collect();
         self.report.write(&PressReport { skin, method: method.label(), presses: &presses, pose: None })?;
         if self.json { print_json(&score) } else { print(&table(&skin.design().name, &score)) }
@@ -155,7 +158,7 @@ impl Arguments {
     }
 
     /// Determines the pose of the skin from the first presses and scores the others.
-    fn align(&self, skin: &Skin, differences: &[Frame], presses: &[Point3], count: usize) -> Outcome {
+    fn align(&self, skin: &Skin, differences: &[Frame], presses: &[Point3], (count, used): (usize, &Used)) -> Outcome {
         self.check_size(skin, presses)?;
         let progress = Progress::waiting("reconstructing all presses with every candidate prior, alpha and cut");
         let estimates = self.method.press_estimates(skin, differences)?;
@@ -167,7 +170,8 @@ impl Arguments {
         let align_by: Vec<usize> = (0..count).collect();
         let aligned = estimates.align(presses, &align_by).map_err(dermis_sim::Error::from)?;
         drop(progress);
-        let evaluated = aligned.evaluated(presses);
+        let mut evaluated = aligned.evaluated(presses);
+        evaluated.iter_mut().for_each(|press| press.row = used.rows[press.row]);
         let (method, pose) = (&aligned.score.method[..], Some(aligned_pose(&aligned.alignment)));
         self.report.write(&PressReport { skin, method, presses: &evaluated, pose })?;
         if self.json {

@@ -3,12 +3,14 @@
 use crate::channels::LeaveOutArguments;
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::Outcome;
-use crate::frames::{CURRENTS_HELP, divided};
+use crate::format::FormatArguments;
+use crate::frames::CURRENTS_HELP;
 use crate::skin;
+use crate::used::Used;
 use clap::{Args, ValueEnum};
 use dermis::design::{SheetKind, SkinDesign};
 use dermis::fit::{Contacts, Determination, Fit, FitOptions, FittedQuantity, Misfit, Offset, Quantity, fit};
-use dermis::frame::{read_frames_without, write_whole};
+use dermis::frame::{ReadOptions, write_whole};
 use dermis_plot::report::Table;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -21,12 +23,14 @@ const UNLIKELY_FACTOR: f64 = 30.0;
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Frames of the untouched skin, one per row (CSV, NPY or NPZ; ohm). From 2 of them on, the noise is measured from
+    /// Frames of the untouched skin, one per row (CSV, NPY or NPZ; ohm, or see --unit). From 2 of them on, the noise is measured from
     /// their scatter.
     #[arg(long, value_name = "FILE")]
     frames: PathBuf,
     #[arg(long, value_name = "FILE", help = CURRENTS_HELP)]
     currents: Option<PathBuf>,
+    #[command(flatten)]
+    format: FormatArguments,
     #[command(flatten)]
     leave_out: LeaveOutArguments,
     /// Contact impedances to fit.
@@ -82,8 +86,9 @@ impl Arguments {
         let skin = skin::load(&self.design)?;
         let design = skin.design();
         let left_out = self.leave_out.of(&design.protocol)?;
-        let frames = read_frames_without(&self.frames, &design.protocol, &left_out)?;
-        let frames = divided(self.currents.as_deref(), &design.protocol, frames)?;
+        let options = ReadOptions { left_out: &left_out, keep_incomplete: true, part: None };
+        let frames = self.format.read_divided(&self.frames, &design.protocol, &options, self.currents.as_deref())?;
+        let frames = Used::of(&self.frames, &frames)?.select(&frames);
         let options = FitOptions { contacts: self.contacts.into(), left_out };
         let progress = Progress::waiting("fitting the design");
         let fit = fit(design, skin.mesh(), &frames, &options)?;

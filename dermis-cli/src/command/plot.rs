@@ -33,7 +33,7 @@ pub struct Arguments {
     /// Images, as `dermis reconstruct` writes them.
     #[arg(long, value_name = "FILE", conflicts_with = "frames")]
     images: Option<PathBuf>,
-    /// Frames to reconstruct, one per row (CSV, NPY or NPZ; ohm).
+    /// Frames to reconstruct, one per row (CSV, NPY or NPZ; ohm, or see --unit).
     #[arg(long, value_name = "FILE")]
     frames: Option<PathBuf>,
     /// Untouched frames, one per row; their mean is subtracted.

@@ -1,6 +1,7 @@
 //! Numbers as comma-separated text.
 
 use crate::frame::TableError;
+use crate::frame::complex::{Part, complex, without_part};
 use crate::frame::table::{MAX_VALUES, are_times};
 use std::io::Write;
 use std::path::Path;
@@ -9,6 +10,8 @@ use std::path::Path;
 pub(super) struct Rows {
     pub header: Option<Vec<String>>,
     pub rows: Vec<(usize, Vec<f64>)>,
+    /// Whether any value is complex.
+    pub is_complex: bool,
 }
 
 /// Reads rows of numbers, separated by semicolons (then with decimal points or commas), by commas, by tabs, or by spaces. Empty
@@ -17,7 +20,8 @@ pub(super) struct Rows {
 /// The first row is a header if none of its fields is a number, if its first field is not a number and the others
 /// number the columns (0, 1, 2, ... or 1, 2, 3, ...), or if it numbers exactly `columns` columns, as pandas writes
 /// them. A byte-order mark and carriage returns are ignored. An empty field is `NaN` where `columns` are known, else an error.
-pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<Rows, TableError> {
+/// Of complex numbers the `part` is read; a first column of real numbers alone stays as it is.
+pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>, part: Option<Part>) -> Result<Rows, TableError> {
     let text = std::str::from_utf8(text).map_err(|error| TableError::File {
         path: path.to_path_buf(),
         message: match text.starts_with(b"MATLAB ") || text.starts_with(b"\x89HDF") {
@@ -43,12 +47,46 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<
         lines.iter_mut().for_each(|(_, line)| *line = line.strip_suffix(separator).unwrap_or(line));
         header = header.map(|line| line.strip_suffix(separator).unwrap_or(line));
     }
-    let rows =
-        lines.into_iter().map(|(index, line)| Ok((index, row(line, index, separator, columns.is_some(), path)?)));
+    let complex_count = part.map_or(0, |_| count_complex(&lines, separator));
+    let is_real =
+        |(_, line): &(usize, &str)| split(line, separator).first().is_some_and(|field| complex(field).is_none());
+    let reading = Reading {
+        separator,
+        gaps: columns.is_some(),
+        // Pairs of columns have no complex values.
+        part: part.filter(|_| complex_count > 0),
+        // Row numbers and times have no parts.
+        first_is_real: lines.iter().all(is_real),
+    };
+    let rows: Result<_, TableError> =
+        lines.iter().map(|&(index, line)| Ok((index, row(line, index, reading, path)?))).collect();
+    if part.is_none() && rows.is_err() {
+        let count = count_complex(&lines, separator);
+        if count > 0 {
+            return Err(TableError::File { path: path.to_path_buf(), message: without_part(count) });
+        }
+    }
     Ok(Rows {
         header: header.map(|line| split(line, separator).into_iter().map(name).collect()),
-        rows: rows.collect::<Result<_, TableError>>()?,
+        rows: rows?,
+        is_complex: complex_count > 0,
     })
+}
+
+/// How the fields of lines are read.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reading {
+    pub separator: char,
+    /// A field without a value is `NaN`, else an error.
+    pub gaps: bool,
+    /// The part of complex values; without it they are errors.
+    pub part: Option<Part>,
+    /// The first field has no parts.
+    pub first_is_real: bool,
+}
+
+fn count_complex(lines: &[(usize, &str)], separator: char) -> usize {
+    lines.iter().flat_map(|(_, line)| split(line, separator)).filter(|field| complex(field).is_some()).count()
 }
 
 /// Whether a line is empty or a comment.
@@ -104,7 +142,7 @@ fn check_size(text: &str, separator: char) -> Result<(), String> {
 /// Whether the first line of a file names or numbers the columns; see [`parse`].
 pub(super) fn is_header(line: &str, separator: char, columns: Option<usize>) -> bool {
     let fields = split(line, separator);
-    if fields.iter().any(|field| holds_several_numbers(field) || is_complex(field)) {
+    if fields.iter().any(|field| holds_several_numbers(field) || complex(field).is_some()) {
         return false;
     }
     let fields: Vec<Option<f64>> = fields.into_iter().map(|field| number(field, separator)).collect();
@@ -137,24 +175,30 @@ pub(super) fn counts(values: impl ExactSizeIterator<Item = f64>) -> bool {
         })
 }
 
-fn row(line: &str, row: usize, separator: char, gaps: bool, path: &Path) -> Result<Vec<f64>, TableError> {
-    numbers(line, separator, gaps).map_err(|(column, message)| {
+fn row(line: &str, row: usize, reading: Reading, path: &Path) -> Result<Vec<f64>, TableError> {
+    numbers(line, reading).map_err(|(column, message)| {
         let path = path.to_path_buf();
         TableError::Cell { path, row, column, message }
     })
 }
 
-/// The numbers of a line, or what is wrong with it: the 1-based column, if a single value is, and a message. With
-/// `gaps`, a field without a value is `NaN`.
-pub(super) fn numbers(line: &str, separator: char, gaps: bool) -> Result<Vec<f64>, (Option<usize>, String)> {
+/// The numbers of a line, or what is wrong with it: the 1-based column, if a single value is, and a message.
+pub(super) fn numbers(line: &str, reading: Reading) -> Result<Vec<f64>, (Option<usize>, String)> {
+    let Reading { separator, gaps, part, first_is_real } = reading;
     let value = |(index, field): (usize, &str)| {
-        let known = number(field, separator).or_else(|| (gaps && field.trim().is_empty()).then_some(f64::NAN));
+        let of_part = |part: Part| match (complex(field), first_is_real && index == 0) {
+            (Some(parts), _) => Some(part.of(parts)),
+            (None, true) => number(field, separator),
+            (None, false) => number(field, separator).map(|real| part.of([real, 0.0])),
+        };
+        let known = part.map_or_else(|| number(field, separator), of_part);
+        let known = known.or_else(|| (gaps && field.trim().is_empty()).then_some(f64::NAN));
         known.ok_or_else(|| match field.trim() {
             "" => (Some(index + 1), "no value".to_string()),
             text if holds_several_numbers(text) => {
                 (None, "some values are separated by spaces or tabs; separate all of them by commas".to_string())
             }
-            text if is_complex(text) => {
+            text if complex(text).is_some() => {
                 let text = shortened(text);
                 (Some(index + 1), format!("`{text}` is a complex number: write its real part or its magnitude"))
             }
@@ -170,14 +214,6 @@ pub(super) fn numbers(line: &str, separator: char, gaps: bool) -> Result<Vec<f64
 /// Whether a field is a row of numbers with spaces or tabs between them.
 fn holds_several_numbers(field: &str) -> bool {
     field.split_whitespace().count() > 1 && field.split_whitespace().all(|word| word.parse::<f64>().is_ok())
-}
-
-/// Whether a field is a complex number, as Python and MATLAB write them.
-fn is_complex(field: &str) -> bool {
-    let plain = field.trim().trim_matches(['(', ')', '"']);
-    let digits = plain.strip_suffix(['i', 'j']).unwrap_or_default();
-    digits.contains(|c: char| c.is_ascii_digit())
-        && digits.chars().all(|c| c.is_ascii_digit() || matches!(c, '+' | '-' | '.' | 'e' | 'E' | ' '))
 }
 
 /// The number in a field. A comma is a decimal point only if the separator is a semicolon.

@@ -121,7 +121,8 @@ impl FrameLines {
             Some(text) if fields > self.channel_count => text,
             _ => text,
         };
-        let row = csv::numbers(text, separator, false).map_err(|(column, message)| self.error(column, message));
+        let row = csv::numbers(text, csv::Reading { separator, gaps: false, part: None, first_is_real: false })
+            .map_err(|(column, message)| self.error(column, message));
         let taken = match row.and_then(|row| self.checked(row)) {
             Ok(row) => self.frames(row),
             Err(error) => vec![Err(error)],

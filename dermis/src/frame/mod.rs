@@ -2,29 +2,32 @@
 
 mod arrangement;
 mod broken;
+mod complex;
 mod csv;
 mod currents;
 mod differences;
 mod lines;
+mod names;
 mod npy;
 #[cfg_attr(not(feature = "npz"), path = "no_npz.rs")]
 mod npz;
 mod presses;
+mod read;
 mod reciprocity;
 mod table;
 mod truth;
 
 pub use broken::{broken_channels, disconnected_electrodes};
+pub use complex::Part;
 pub use csv::write_csv;
 pub use currents::DriveCurrents;
 pub use differences::Differences;
 pub use lines::{FrameLine, FrameLines, LineError};
 pub use npy::npy_header;
 pub use presses::{EvaluatedPress, PressEstimate, write_presses};
+pub use read::{ReadOptions, read_frames, read_frames_with, read_frames_without};
 pub use reciprocity::{Screening, quantities, reciprocal};
-pub use table::{
-    Table, read_array, read_conductivities, read_frames, read_frames_without, read_table, write_array, write_frames,
-};
+pub use table::{Table, read_array, read_conductivities, read_table, write_array, write_frames};
 pub use truth::{Truth, frames_after_last_touch, read_places, read_truth, write_truth};
 
 use std::io::Write;

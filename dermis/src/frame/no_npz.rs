@@ -1,11 +1,12 @@
 //! NPZ files in a build without support for them.
 
+use crate::frame::complex::Part;
 use crate::frame::npy::Array;
 use std::io::Write;
 
 const WITHOUT: &str = "NPZ files need the feature `npz` of the crate `dermis`; NPY files do not";
 
-pub(super) fn read_npz(_: &[u8], _: &str) -> Result<Array, String> {
+pub(super) fn read_npz(_: &[u8], _: &str, _: Option<Part>) -> Result<Array, String> {
     Err(WITHOUT.into())
 }
 

@@ -1,15 +1,20 @@
 //! NumPy's NPY files: <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>.
 
+use crate::frame::complex::{Part, without_part};
 use crate::frame::table::MAX_VALUES;
 use std::io::Write;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
+/// Signs of the byte order of a type.
+const ORDERS: [char; 4] = ['<', '>', '|', '='];
 
 /// An array in C order.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Array {
     pub shape: Vec<usize>,
     pub values: Vec<f64>,
+    /// Whether the values are parts of complex ones.
+    pub is_complex: bool,
 }
 
 /// Whether some bytes are an NPY file.
@@ -22,8 +27,8 @@ pub(super) fn is_npz(bytes: &[u8]) -> bool {
     bytes.starts_with(b"PK\x03\x04") || bytes.starts_with(b"PK\x05\x06")
 }
 
-/// An NPY file: float64, float32, integers or booleans, C or Fortran order, either byte order.
-pub(super) fn read_npy(bytes: &[u8]) -> Result<Array, String> {
+/// An NPY file: float64, float32, integers, booleans, or the `part` of complex values; C or Fortran order, either byte order.
+pub(super) fn read_npy(bytes: &[u8], part: Option<Part>) -> Result<Array, String> {
     let short = || "the NPY header is cut short".to_string();
     let rest = bytes.strip_prefix(MAGIC).ok_or("not an NPY file")?;
     let (&major, rest) = rest.split_first().ok_or_else(short)?;
@@ -40,16 +45,23 @@ pub(super) fn read_npy(bytes: &[u8]) -> Result<Array, String> {
     let (kind, fortran, shape) = parse_header(header)?;
     let count = shape.iter().try_fold(1_usize, |count, &side| count.checked_mul(side));
     let byte_count = rest.len() - length;
-    let is_large = |count: usize| count > MAX_VALUES || byte_count > size_of::<f64>().saturating_mul(count);
+    let is_complex = kind.trim_start_matches(ORDERS).starts_with('c');
+    let longest = if is_complex { 2 * size_of::<f64>() } else { size_of::<f64>() };
+    let is_large = |count: usize| count > MAX_VALUES || byte_count > longest.saturating_mul(count);
     if byte_count > MAX_VALUES && count.is_none_or(is_large) {
         return Err(format!("{byte_count} bytes of the shape {shape:?}: at most {MAX_VALUES} values are read"));
     }
-    let values = decode(&rest[length..], &kind)?;
+    let mut values = decode(&rest[length..], &kind)?;
+    if is_complex {
+        let (pairs, _) = values.as_chunks::<2>();
+        let part = part.ok_or_else(|| without_part(pairs.len()))?;
+        values = pairs.iter().map(|parts| part.of(*parts)).collect();
+    }
     if count != Some(values.len()) {
         return Err(format!("the shape is {shape:?}, but there are {} values", values.len()));
     }
     let values = if fortran { from_fortran(&values, &shape) } else { values };
-    Ok(Array { shape, values })
+    Ok(Array { shape, values, is_complex })
 }
 
 /// Type, order and shape from a header such as `{'descr': '<f8', 'fortran_order': False, 'shape': (3, 4), }`.
@@ -87,9 +99,9 @@ fn decode(bytes: &[u8], kind: &str) -> Result<Vec<f64>, String> {
             Ok(chunks.iter().map(read).collect())
         }};
     }
-    match kind.trim_start_matches(['<', '>', '|', '=']) {
-        "f8" => numbers!(f64),
-        "f4" => numbers!(f32),
+    match kind.trim_start_matches(ORDERS) {
+        "f8" | "c16" => numbers!(f64),
+        "f4" | "c8" => numbers!(f32),
         "i8" => numbers!(i64),
         "i4" => numbers!(i32),
         "i2" => numbers!(i16),
@@ -98,7 +110,7 @@ fn decode(bytes: &[u8], kind: &str) -> Result<Vec<f64>, String> {
         "u4" => numbers!(u32),
         "u2" => numbers!(u16),
         "u1" | "b1" => numbers!(u8),
-        _ => Err(format!("the NPY type `{kind}` is no real number; write float64")),
+        _ => Err(format!("the NPY type `{kind}` is no number; write float64")),
     }
 }
 

@@ -1,5 +1,6 @@
 //! NPZ files: ZIP archives of NPY files.
 
+use crate::frame::complex::Part;
 use crate::frame::npy::{Array, read_npy, write_npy};
 use crate::frame::table::LARGEST_FILE;
 use std::io::{Cursor, Read, Write};
@@ -7,7 +8,7 @@ use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
 
 /// The only array of an NPZ file, or the one called `name` if there are several.
-pub(super) fn read_npz(bytes: &[u8], name: &str) -> Result<Array, String> {
+pub(super) fn read_npz(bytes: &[u8], name: &str, part: Option<Part>) -> Result<Array, String> {
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| format!("not an NPZ file: {error}"))?;
     let names: Vec<String> = archive.file_names().filter_map(|name| Some(name.ok()?.into_owned())).collect();
     let wanted = format!("{name}.npy");
@@ -25,7 +26,7 @@ pub(super) fn read_npz(bytes: &[u8], name: &str) -> Result<Array, String> {
     if array.len() as u64 > LARGEST_FILE {
         return Err(format!("{chosen} is larger than {} MiB, the most that is read", LARGEST_FILE >> 20));
     }
-    read_npy(&array)
+    read_npy(&array, part)
 }
 
 /// Writes an NPZ file with one array, compressed.
@@ -52,7 +53,7 @@ mod tests {
         (0..300).for_each(|_| archive.write_all(&vec![0; 1 << 20]).unwrap());
         let bytes = archive.finish().unwrap().into_inner();
         assert!(bytes.len() < 1 << 20);
-        let error = read_npz(&bytes, "frames").unwrap_err();
+        let error = read_npz(&bytes, "frames", None).unwrap_err();
         assert!(error.contains("larger than 256 MiB"), "{error}");
     }
 }

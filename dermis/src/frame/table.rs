@@ -1,10 +1,10 @@
 //! Tables of numbers in CSV, NPY and NPZ files.
 
 use crate::files::read_at_most;
+use crate::frame::complex::Part;
 use crate::frame::lines::ColumnName;
 use crate::frame::write_whole;
-use crate::frame::{Frame, TableError, arrangement, csv, npy, npz};
-use crate::protocol::Protocol;
+use crate::frame::{Frame, TableError, csv, npy, npz};
 use crate::stats::upper_median;
 use std::path::Path;
 
@@ -26,13 +26,19 @@ pub struct Table {
 /// A file that cannot be read, is empty, or contains anything other than rows of numbers of equal length (with row and
 /// column).
 pub fn read_table(path: &Path, array: &str) -> Result<Table, TableError> {
-    read_rows(path, array, None)
+    read_rows(path, array, None, None).map(|(table, _)| table)
 }
 
-/// [`read_table`] with a known number of columns: a first row of a CSV file that numbers them is a header.
-fn read_rows(path: &Path, array: &str, columns: Option<usize>) -> Result<Table, TableError> {
+/// [`read_table`] with a known number of columns: a first row of a CSV file that numbers them is a header. Also whether
+/// any value is complex: of these the `part` is read.
+pub(super) fn read_rows(
+    path: &Path,
+    array: &str,
+    columns: Option<usize>,
+    part: Option<Part>,
+) -> Result<(Table, bool), TableError> {
     let bytes = contents(path)?;
-    let table = parse_table(&bytes, path, array, columns)?;
+    let (table, is_complex) = parse_table(&bytes, path, array, columns, part)?;
     if table.rows.is_empty() {
         return Err(file_error(path, "the file is empty: it holds no row of numbers"));
     }
@@ -42,7 +48,7 @@ fn read_rows(path: &Path, array: &str, columns: Option<usize>) -> Result<Table, 
             return Err(count_error(path, file_row, row.len(), columns, "the rows before"));
         }
     }
-    Ok(table)
+    Ok((table, is_complex))
 }
 
 /// Reads rows of `columns` values each. A first column of row numbers or times is dropped.
@@ -50,7 +56,7 @@ fn read_rows(path: &Path, array: &str, columns: Option<usize>) -> Result<Table, 
 /// # Errors
 /// As [`read_table`]; rows of another length.
 pub(super) fn read_values(path: &Path, array: &str, columns: usize, what: &str) -> Result<Table, TableError> {
-    let table = read_rows(path, array, Some(columns))?;
+    let (table, _) = read_rows(path, array, Some(columns), None)?;
     if table.rows[0].len() == 1 && table.rows.len() == columns && columns > 1 {
         return Err(file_error(path, format!("one value in each of {columns} rows: write them in one row")));
     }
@@ -58,7 +64,7 @@ pub(super) fn read_values(path: &Path, array: &str, columns: usize, what: &str) 
 }
 
 /// A table of rows of `columns` values each, without a first column of row numbers or times.
-fn with_columns(mut table: Table, path: &Path, columns: usize, what: &str) -> Result<Table, TableError> {
+pub(super) fn with_columns(mut table: Table, path: &Path, columns: usize, what: &str) -> Result<Table, TableError> {
     if table.rows[0].len() == columns + 1 {
         drop_first_column(&mut table, path, what)?;
     }
@@ -108,24 +114,30 @@ pub(super) fn are_times(values: &[f64]) -> bool {
 }
 
 /// [`read_rows`] from bytes; the rows may differ in length.
-fn parse_table(bytes: &[u8], path: &Path, array: &str, columns: Option<usize>) -> Result<Table, TableError> {
+fn parse_table(
+    bytes: &[u8],
+    path: &Path,
+    array: &str,
+    columns: Option<usize>,
+    part: Option<Part>,
+) -> Result<(Table, bool), TableError> {
     let array = if npy::is_npz(bytes) {
-        npz::read_npz(bytes, array)
+        npz::read_npz(bytes, array, part)
     } else if npy::is_npy(bytes) {
-        npy::read_npy(bytes)
+        npy::read_npy(bytes, part)
     } else {
-        let csv::Rows { header, rows } = csv::parse(bytes, path, columns)?;
+        let csv::Rows { header, rows, is_complex } = csv::parse(bytes, path, columns, part)?;
         let (file_rows, rows) = rows.into_iter().unzip();
-        return Ok(Table { header, rows, file_rows });
+        return Ok((Table { header, rows, file_rows }, is_complex));
     };
-    let npy::Array { shape, values } = array.map_err(|message| file_error(path, message))?;
+    let npy::Array { shape, values, is_complex } = array.map_err(|message| file_error(path, message))?;
     let columns = match shape.as_slice() {
         [columns] => *columns,
         [_, columns @ ..] if !columns.is_empty() => columns.iter().product(),
         _ => return Err(file_error(path, format!("an array of shape {shape:?}, but rows x columns are needed"))),
     };
     let rows: Vec<Vec<f64>> = values.chunks(columns.max(1)).map(<[f64]>::to_vec).collect();
-    Ok(Table { header: None, file_rows: (1..=rows.len()).collect(), rows })
+    Ok((Table { header: None, file_rows: (1..=rows.len()).collect(), rows }, is_complex))
 }
 
 /// Reads an array of any shape from an NPY or NPZ file (of several arrays in an NPZ file the one called `array`),
@@ -136,14 +148,14 @@ fn parse_table(bytes: &[u8], path: &Path, array: &str, columns: Option<usize>) -
 pub fn read_array(path: &Path, array: &str) -> Result<(Vec<usize>, Vec<f64>), TableError> {
     let bytes = contents(path)?;
     let read = if npy::is_npz(&bytes) {
-        npz::read_npz(&bytes, array)
+        npz::read_npz(&bytes, array, None)
     } else if npy::is_npy(&bytes) {
-        npy::read_npy(&bytes)
+        npy::read_npy(&bytes, None)
     } else {
         let table = read_table(path, array)?;
         return Ok((vec![table.rows.len(), table.rows[0].len()], table.rows.concat()));
     };
-    let npy::Array { shape, values } = read.map_err(|message| file_error(path, message))?;
+    let npy::Array { shape, values, .. } = read.map_err(|message| file_error(path, message))?;
     Ok((shape, values))
 }
 
@@ -156,54 +168,18 @@ fn contents(path: &Path) -> Result<Vec<u8>, TableError> {
     read_at_most(path, LARGEST_FILE).map_err(|source| TableError::Io { path: path.to_path_buf(), source })
 }
 
-fn file_error(path: &Path, message: impl Into<String>) -> TableError {
+pub(super) fn file_error(path: &Path, message: impl Into<String>) -> TableError {
     TableError::File { path: path.to_path_buf(), message: message.into() }
 }
 
 fn count_error(path: &Path, row: usize, got: usize, expected: usize, what: &str) -> TableError {
     let amount = if got < expected { "too few" } else { "too many" };
     let twice = match got == 2 * expected {
-        true => "; if magnitudes and phases, or real and imaginary parts, alternate, keep one of them",
+        true => "; if magnitudes and phases, or real and imaginary parts, alternate, choose one with --part",
         false => "",
     };
     let message = format!("{amount} values: {got}, but {what} have {expected}{twice}");
     TableError::Cell { path: path.to_path_buf(), row, column: None, message }
-}
-
-/// Reads frames (or differences of frames) of a protocol, ohm, one per row.
-///
-/// A header, and a first column of frame numbers or times, are dropped. Frames may also be columns, a row for each channel; or
-/// have one drive in each row, so that an array is frames x drives x measures; or they have the voltages between all
-/// neighbouring electrodes for every drive, whose sum is zero, of which the protocol's channels are taken.
-///
-/// # Errors
-/// As [`read_table`]; rows that do not have a value for every channel; a value that is missing, `NaN` or infinite; rows that
-/// are frames as columns as well as drives.
-pub fn read_frames(path: &Path, protocol: &Protocol) -> Result<Vec<Frame>, TableError> {
-    read_frames_without(path, protocol, &[])
-}
-
-/// [`read_frames`] without some channels: their values may be missing, `NaN` or infinite, and are 0 in the frames.
-///
-/// # Errors
-/// As [`read_frames`] for the other channels.
-pub fn read_frames_without(path: &Path, protocol: &Protocol, left_out: &[usize]) -> Result<Vec<Frame>, TableError> {
-    let channel_count = protocol.channel_count();
-    let table = arrangement::frames_in_rows(read_rows(path, "frames", Some(channel_count))?, protocol)
-        .map_err(|message| file_error(path, message))?;
-    let table = with_columns(table, path, channel_count, "frames of this protocol")?;
-    let mut frames = Vec::with_capacity(table.rows.len());
-    for (mut values, row) in table.rows.into_iter().zip(table.file_rows) {
-        for &channel in left_out {
-            values.get_mut(channel).into_iter().for_each(|value| *value = 0.0);
-        }
-        if let Some(channel) = values.iter().position(|value| !value.is_finite()) {
-            let message = format!("channel {channel} is {}: mend the frame, or leave the channel out", values[channel]);
-            return Err(TableError::Cell { path: path.to_path_buf(), row, column: None, message });
-        }
-        frames.push(Frame(values));
-    }
-    Ok(frames)
 }
 
 /// Reads conductivity maps, one per row with a value per cell in the order of the mesh (S on surfaces, S/m in volumes).

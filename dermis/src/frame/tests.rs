@@ -2,8 +2,8 @@
 
 use crate::contact::Contact;
 use crate::frame::{
-    Frame, Truth, frames_after_last_touch, read_conductivities, read_frames, read_frames_without, read_places,
-    read_table, read_truth, write_array, write_frames, write_whole,
+    Frame, Part, ReadOptions, Truth, frames_after_last_touch, read_conductivities, read_frames, read_frames_with,
+    read_frames_without, read_places, read_table, read_truth, write_array, write_frames, write_whole,
 };
 use crate::geom::vector::distance;
 use crate::geom::{PlaceLimits, Surface};
@@ -109,7 +109,7 @@ fn columns_that_are_no_channels_are_refused_with_the_fix() {
     let message = frames(&a.replacen(',', " ", 1)).unwrap_err();
     assert_eq!(message, ", row 1: some values are separated by spaces or tabs; separate all of them by commas");
     let message = frames(&a.replace(",3,", ",(3-1.5e-3j),")).unwrap_err();
-    assert!(message.ends_with("`(3-1.5e-3j)` is a complex number: write its real part or its magnitude"), "{message}");
+    assert!(message.starts_with(": it has 1 complex value: choose their part with --part"), "{message}");
     let message = frames(&format!("{a},{b}\n")).unwrap_err();
     assert!(message.contains("24, but frames of this protocol have 12; if magnitudes and phases"), "{message}");
 }
@@ -214,11 +214,76 @@ fn npy_files_of_other_types_and_orders_are_read() {
     let columns: Vec<u8> = [1_i32, 4, 2, 5, 3, 6].iter().flat_map(|v| v.to_be_bytes()).collect();
     assert_eq!(rows(npy(">i4", "True", "(2, 3)", &columns)).unwrap(), expected);
     assert_eq!(rows(npy("|u1", "False", "(3,)", &[1, 2, 3])).unwrap(), vec![vec![1.0, 2.0, 3.0]]);
-    assert!(rows(npy("<c16", "False", "(1, 1)", &[0; 16])).unwrap_err().contains("`<c16` is no real number"));
+    assert!(rows(npy("<c16", "False", "(1, 1)", &[0; 16])).unwrap_err().contains("1 complex value"));
+    assert!(rows(npy("<M8", "False", "(1, 1)", &[0; 8])).unwrap_err().contains("`<M8` is no number"));
     assert!(rows(npy("<f4", "False", "(9, 9)", &f32s)).unwrap_err().contains("but there are 6 values"));
     let huge = format!("({0}, {0})", usize::MAX);
     assert!(rows(npy("<f4", "False", &huge, &f32s)).unwrap_err().contains("but there are 6 values"));
     assert!(rows(npy("<f4", "False", "(2, 3)", &f32s[1..])).unwrap_err().contains("cut short"));
+}
+
+#[test]
+fn parts_of_complex_arrays_and_columns_are_read() {
+    let read = |name: &str, content: Vec<u8>, part| {
+        let (_folder, path) = file(name, content);
+        let options = ReadOptions { part: Some(part), ..ReadOptions::default() };
+        read_frames_with(&path, &protocol(), &options).map(|frames| frames[0].0.clone()).map_err(|e| e.to_string())
+    };
+    let real: Vec<f64> = (0..12).map(|channel| 3.0 * f64::from(channel) + 3.0).collect();
+    let [imaginary, magnitude] = [-4.0, 5.0].map(|factor| real.iter().map(|v| factor * v / 3.0).collect::<Vec<_>>());
+    let pairs = || real.iter().zip(&imaginary).flat_map(|(a, b)| [*a, *b]);
+    let doubles: Vec<u8> = pairs().flat_map(f64::to_le_bytes).collect();
+    let singles: Vec<u8> = pairs().flat_map(|value| (value as f32).to_be_bytes()).collect();
+    let cells: Vec<String> = real.iter().zip(&imaginary).map(|(a, b)| format!("{a}{b}i")).collect();
+    let columns: Vec<String> = pairs().map(|value| value.to_string()).collect();
+    for (part, expected) in [(Part::Real, &real), (Part::Imaginary, &imaginary), (Part::Magnitude, &magnitude)] {
+        let same = |name, content| assert_eq!(read(name, content, part).as_ref(), Ok(expected), "{part:?} {name}");
+        same("f.npy", npy("<c16", "False", "(1, 12)", &doubles));
+        same("f.npy", npy(">c8", "False", "(12,)", &singles));
+        same("f.csv", cells.join(",").into());
+        // Row numbers have no parts.
+        same("f.csv", format!("0,{0}\n1,{0}\n", cells.join(",")).into());
+        same("f.csv", cells.join(" ").into());
+        let halves = read("f.csv", columns.join(",").into(), part);
+        let first = if part == Part::Imaginary { &imaginary } else { &real };
+        assert_eq!(halves.as_ref(), Ok(first), "pairs: the first, or the second for imaginary parts");
+    }
+    let timed =
+        format!("time_s,{0}\n0.5,{0}\n", columns.join(",")).replacen(&columns.join(","), &vec!["a"; 24].join(","), 1);
+    assert_eq!(read("f.csv", timed.into(), Part::Real), Ok(real.clone()));
+    let negative = columns.join(",").replacen("9,", "-9,", 1);
+    assert!(read("f.csv", negative.into(), Part::Magnitude).unwrap_err().contains("is negative and no magnitude"));
+    assert!(read("f.csv", row("12").into(), Part::Real).unwrap_err().contains("leave --part out"));
+}
+
+#[test]
+fn columns_with_the_names_of_channels_may_have_any_order() {
+    let read = |header: &str, row: &str| frames(&format!("{header}\n{row}\n")).map(|rows| rows[0].clone());
+    let channels = protocol();
+    let mut names: Vec<(String, usize)> = channels
+        .channels()
+        .iter()
+        .enumerate()
+        .map(|(number, channel)| {
+            let ([a, b], [m, n]) = (channel.drive, channel.measure);
+            (format!("v_{a}_{b}_{m}_{n}"), number)
+        })
+        .collect();
+    names.reverse();
+    let header = |names: &[(String, usize)]| names.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(",");
+    let values = names.iter().map(|(_, number)| format!("{number}.5")).collect::<Vec<_>>().join(",");
+    let expected: Vec<f64> = (0..12).map(|number| f64::from(number) + 0.5).collect();
+    assert_eq!(read(&header(&names), &values), Ok(expected.clone()));
+    assert_eq!(read(&format!("bath,{}", header(&names)), &format!("21.5,{values}")), Ok(expected.clone()));
+    for first in [0, 1] {
+        let numbered: Vec<(String, usize)> = (0..12).rev().map(|k| (format!("ch{}", k + first), k)).collect();
+        assert_eq!(read(&header(&numbered), &values), Ok(expected.clone()), "from {first}");
+    }
+    // Any other names say nothing.
+    let others: Vec<(String, usize)> = (0..12).rev().map(|k| (format!("ch{}", k + 2), k)).collect();
+    assert_eq!(read(&header(&others), &values).unwrap()[0], 11.5);
+    names[0].0 = names[1].0.clone();
+    assert!(read(&header(&names), &values).unwrap_err().contains("two columns are named by the electrodes"));
 }
 
 #[test]
