@@ -308,15 +308,13 @@ mod tests {
 
     #[test]
     fn texts_of_files_do_not_control_the_terminal_and_have_a_limit() {
-        miette::set_hook(Box::new(|_| {
-            let theme = miette::GraphicalTheme::unicode_nocolor();
-            Box::new(miette::GraphicalReportHandler::new_themed(theme))
-        }))
-        .unwrap();
+        let handler = miette::GraphicalReportHandler::new_themed(miette::GraphicalTheme::unicode_nocolor());
         let shown = |text: &str| {
             let Err(error) = SkinDesign::parse(text, "my\u{1b}[2J.toml") else { panic!("it is no design") };
             let Failure::Given(report) = error.into() else { panic!("it is a mistake of the file") };
-            format!("{report:?}")
+            let mut text = String::new();
+            handler.render_report(&mut text, report.as_ref()).unwrap();
+            text
         };
         let raw = shown("name = \"a\"\n\u{1b}]0;title\u{7}\n");
         assert!(raw.contains("title") && !raw.contains(['\u{1b}', '\u{7}']), "{raw}");

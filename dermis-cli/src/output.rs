@@ -5,7 +5,7 @@ use crate::failure::{Failure, Outcome};
 use dermis::frame::{write_array, write_csv, write_whole};
 use dermis::text::printable_lines;
 use serde::Serialize;
-use std::io::{BufWriter, Error, ErrorKind, Write};
+use std::io::{BufWriter, Error, ErrorKind, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
 /// A file to write, or `-` for standard output.
@@ -57,14 +57,15 @@ impl Output {
         Failure::given(message, Some("choose one of these endings"))
     }
 
-    /// Says what was written. Standard output has the result alone: what is said of it goes to standard error.
+    /// Says what was written. Beside a result on standard output it is said on standard error, to people alone.
     pub fn say(&self, text: &str) -> Outcome {
         match self.file() {
             Some(file) => print(&format!("{}: {text}\n", file.display())),
-            None => {
+            None if std::io::stderr().is_terminal() => {
                 eprintln!("{}", printable_lines(text));
                 Ok(())
             }
+            None => Ok(()),
         }
     }
 }

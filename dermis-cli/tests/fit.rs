@@ -62,7 +62,7 @@ fn frames_that_no_design_fits_are_refused() {
     let at = skin();
     let fit = |arguments: &str| at.refused(&format!("fit skin.toml {arguments} -o fitted.toml"));
     with_value(&at, "rest.csv", "gap.csv", 3, "");
-    assert!(fit("--frames gap.csv").contains("gap.csv, row 1: channel 3 is NaN"));
+    assert!(fit("--frames gap.csv").contains("gap.csv: no value in any of 1 frame in channel 3"));
     at.good("fit skin.toml --frames gap.csv --leave-out 3 -o fitted.toml");
     assert!(fit("--frames rest.csv --leave-out 56").contains("cannot leave channel 56 out: the channels are 0 to 55"));
     assert!(fit("--frames rest.csv --leave-out 0-55").contains("0 channels are too few"));

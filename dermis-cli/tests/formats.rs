@@ -134,10 +134,15 @@ fn single_frames_with_missing_values_are_not_used() {
     let at = recorded();
     without_value(&at, "gap.csv", "ohm.csv", &[4], 7);
     let contacts = "contacts disk.toml --method noser --baseline rest.csv --json --frames";
-    let (whole, (rest, warning)) = (said(&at, &format!("{contacts} ohm.csv")).0, said(&at, &format!("{contacts} gap.csv")));
+    let (whole, (rest, warning)) =
+        (said(&at, &format!("{contacts} ohm.csv")).0, said(&at, &format!("{contacts} gap.csv")));
     assert!(warning.contains("gap.csv: 1 of 24 frames") && warning.contains("are not used: 4\n"), "{warning}");
     let expected: Vec<&str> = whole.lines().filter(|line| !line.contains("\"frame\":4,")).collect();
-    assert_eq!((expected.len(), rest.lines().collect::<Vec<_>>()), (PRESSES - 1, expected), "frames keep their numbers");
+    assert_eq!(
+        (expected.len(), rest.lines().collect::<Vec<_>>()),
+        (PRESSES - 1, expected),
+        "frames keep their numbers"
+    );
     // The truth is left out with its frame: a press by press table as without the row.
     let evaluate = "evaluate disk.toml --method noser --baseline rest.csv --truth touches.csv";
     let score = |frames: &str, rows: &str| {
@@ -154,7 +159,10 @@ fn single_frames_with_missing_values_are_not_used() {
     let paired = "contacts disk.toml --method noser --frames gap.csv --baseline rests_gap.csv --paired --json";
     let (paired, _) = said(&at, paired);
     let numbered = |line: &str| serde_json::from_str::<serde_json::Value>(line).unwrap()["frame"].as_u64().unwrap();
-    assert_eq!(paired.lines().map(numbered).collect::<Vec<_>>(), (0..24).filter(|row| ![2, 4].contains(row)).collect::<Vec<_>>());
+    assert_eq!(
+        paired.lines().map(numbered).collect::<Vec<_>>(),
+        (0..24).filter(|row| ![2, 4].contains(row)).collect::<Vec<_>>()
+    );
     // A calibration has the labels of the other rows.
     let calibrate = "calibrate disk.toml --baseline rest.csv --truth touches.csv --method noser --force -o own --json";
     let (learnt, _) = said(&at, &format!("{calibrate} --frames gap.csv"));

@@ -11,6 +11,7 @@ mod export;
 mod fabricate;
 mod field_cases;
 mod fit;
+mod formats;
 mod inputs;
 mod optimise;
 mod pages;

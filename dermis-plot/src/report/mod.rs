@@ -183,7 +183,7 @@ mod tests {
     #[test]
     fn a_page_of_sections_lists_them() {
         let mut report = Report::new("Page", "lead");
-        ["One", "`two` & three", "Four"].map(|section| report.heading(section));
+        ["One", "`two` & three", "Four"].into_iter().for_each(|section| report.heading(section));
         let html = report.to_html();
         assert!(html.contains("<a href=\"#s2\"><code>two</code> &amp; three</a>"), "{html}");
         assert!(html.contains("<h2 id=\"s2\"><code>two</code> &amp; three</h2>"), "{html}");

@@ -240,7 +240,8 @@ impl Run<'_> {
             let keep = |start: &Start, judgement: &Judgement| {
                 step();
                 let mut best = best.lock().unwrap_or_else(PoisonError::into_inner);
-                if count == self.wanted() && judgement.of(options.objective) < *best {
+                let is_wanted = count == self.wanted() && (best.is_finite() || count != self.given.electrodes.len());
+                if is_wanted && judgement.of(options.objective) < *best {
                     *best = judgement.of(options.objective);
                     self.write(&start.electrodes_m, None)?;
                 }
