@@ -164,7 +164,7 @@ impl FrameArguments {
     }
 
     /// Whether the baseline is the untouched frame of the design.
-    fn is_of_model(&self) -> bool {
+    pub fn is_of_model(&self) -> bool {
         self.baseline.as_deref().is_some_and(|path| path.as_os_str() == MODEL)
     }
 

@@ -39,13 +39,15 @@ impl Used {
         if !empty.is_empty() {
             let message =
                 format!("{path}: no value in any of {all} in {} {}", number_of(empty.len(), "channel"), ranges(&empty));
-            let fix = format!("leave them out, as in --leave-out {}", empty[0]);
+            let fix = format!("record them, or leave them out in commands that take --leave-out {}", ranges(&empty));
             return Err(Failure::given(message, Some(&fix)));
         }
         if rows.len() < others.len() {
             let message = format!("{path}: {} of {all} have values that are missing or not finite", others.len());
             let worst = (0..channels).max_by_key(|&channel| bad(channel)).unwrap_or_default();
-            let fix = format!("mend them, or leave channels out with --leave-out: most are missing in channel {worst}");
+            let fix = format!(
+                "record them anew; most are missing in channel {worst}, which commands with --leave-out can leave out"
+            );
             return Err(Failure::given(message, Some(&fix)));
         }
         warn(&format!(

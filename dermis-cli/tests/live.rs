@@ -54,7 +54,8 @@ fn a_device_that_cannot_be_reached_says_why() {
     let at = Workplace::new();
     let source = |source: &str, words: &[&str]| refused(&at, &format!("{DISK} --source {source}"), words);
     source("serial:/dev/nothing --for 0.5", &["there is no port", "nothing", "no device came"]);
-    let absent = ["127.0.0.1:1", "nobody listens there", "is the port right", "it is tried again", "no device came"];
+    let absent =
+        ["127.0.0.1:1", "nobody listens there", "is the port right", "tried again until it answers", "no device came"];
     source("tcp:127.0.0.1:1 --for 0.5", &absent);
     source("tcp:localhost", &["tcp:HOST:PORT"]);
     source("usb:1", &["no device", "tcp:HOST:PORT", "serial:PATH[@BAUD]"]);

@@ -2,7 +2,7 @@
 
 use crate::check_page::page;
 use crate::console::{Progress, known, print, print_json};
-use crate::failure::Outcome;
+use crate::failure::{Failure, Outcome};
 use crate::frames::{FrameArguments, Incomplete, Recorded};
 use crate::picture::check_page_ending;
 use crate::skin;
@@ -46,6 +46,10 @@ impl Arguments {
     pub fn run(self) -> Outcome {
         if let Some(path) = &self.output {
             check_page_ending(path)?;
+        }
+        if self.realign.is_some() && self.frames.is_of_model() {
+            let fix = "give untouched frames with --baseline, or leave --realign out";
+            return Err(Failure::given("--realign does not go with --baseline model", Some(fix)));
         }
         let skin = skin::load(&self.design)?;
         skin::warn_if_ambiguous(&skin)?;

@@ -76,12 +76,15 @@ impl Arguments {
         let most = self.presses.unwrap_or(usize::MAX);
         let of = |set: SetName, frames: usize| if self.sets.contains(&set) { frames.min(most) } else { 0 };
         let grid = of(SetName::Grid, pixels);
+        // As many pairs at each distance; fewer pairs than distances are at the first ones.
+        let pairs = of(SetName::Two, all.pairs * all.separations_m.len());
+        let distances = all.separations_m.len().min(pairs);
         Sizes {
             grid_step: if grid == 0 { 0 } else { pixels.div_ceil(grid) },
             random: of(SetName::Random, all.random),
-            pairs: of(SetName::Two, all.pairs * all.separations_m.len()).div_ceil(all.separations_m.len()),
+            pairs: pairs.checked_div(distances).unwrap_or(0),
             fours: of(SetName::Four, all.fours),
-            separations_m: all.separations_m,
+            separations_m: all.separations_m[..distances].to_vec(),
         }
     }
 

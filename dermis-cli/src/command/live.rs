@@ -94,7 +94,8 @@ pub struct Arguments {
     watchdog: Option<String>,
     #[command(flatten)]
     page: PageArguments,
-    /// State file: the baseline and settings are restored from it, if it exists, instead of a tare, and saved to it.
+    /// State file: the baseline and settings are restored from it, if it exists, instead of a tare, and saved to it. Electrodes
+    /// that were left out stay so.
     #[arg(long, value_name = "FILE")]
     state: Option<PathBuf>,
     /// Run for this many seconds.
@@ -138,12 +139,12 @@ impl Arguments {
         let sinks = self.open(&control)?;
         let Watched { statistics, uncounted, is_connected } = self.watch(&live, emulator.as_deref())?;
         let failure = self.close(live, emulator, &control, sinks)?;
-        latency::show(&statistics, uncounted, self.latency.as_deref(), self.json)?;
-        match failure {
-            Some(failure) => Err(failure),
-            None if !is_connected => Err(Failure::given("no device came, and nothing was read", None)),
-            None => Ok(()),
+        if !is_connected && failure.is_none() {
+            let fix = "switch the device on, or give its address with --source";
+            return Err(Failure::given("no device came, and nothing was read", Some(fix)));
         }
+        latency::show(&statistics, uncounted, self.latency.as_deref(), self.json)?;
+        failure.map_or(Ok(()), Err)
     }
 
     /// The skin with its methods.

@@ -147,11 +147,16 @@ fn open_tcp(host: &str) -> Result<TcpStream, Unopened> {
                 last = Unopened { message, is_absent: true };
             }
             Err(error) => {
-                last = Unopened { message: error.to_string(), is_absent: error.kind() == ErrorKind::TimedOut };
+                last = Unopened { message: error.to_string(), is_absent: is_away(error.kind()) };
             }
         }
     }
     Err(last)
+}
+
+/// Whether a host does not answer, as one that is switched off.
+fn is_away(kind: ErrorKind) -> bool {
+    matches!(kind, ErrorKind::TimedOut | ErrorKind::HostUnreachable | ErrorKind::NetworkUnreachable)
 }
 
 fn open_serial(port: &str, baud: u32) -> Result<serial2::SerialPort, Unopened> {

@@ -95,7 +95,7 @@ impl DeviceThread {
                 Err(error) => {
                     let why = error.to_string();
                     if why != reported {
-                        self.shared.notice(Severity::Error, format!("{why}; it is tried again four times a second"));
+                        self.shared.notice(Severity::Error, format!("{why} (tried again until it answers)"));
                         reported = why;
                     }
                 }

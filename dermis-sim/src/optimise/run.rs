@@ -223,6 +223,11 @@ impl Run<'_> {
         let text = hexadecimal(&sha256(self.text.as_bytes()));
         let conditions = format!("design {text}\n{:?}\n{options:?}\n{rounds} rounds", self.twin);
         let state = Mutex::new(State::open(state.as_deref(), conditions)?);
+        let kept = state.lock().unwrap_or_else(PoisonError::into_inner).best(self.wanted(), *starts, options.objective);
+        if let Some(kept) = kept {
+            let mut best = best.lock().unwrap_or_else(PoisonError::into_inner);
+            *best = best.min(kept.objective_m(options.objective));
+        }
         let locked = || state.lock().unwrap_or_else(PoisonError::into_inner);
         let optimiser = Optimiser::new(self.text, self.path, self.twin, options)?;
         // What does not fit is refused before any start.

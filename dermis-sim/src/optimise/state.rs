@@ -20,7 +20,7 @@ impl FoundLayout {
         FoundLayout { start, worst_m: finite(judgement.worst_m), mean_m: finite(judgement.mean_m) }
     }
 
-    fn objective_m(&self, objective: Objective) -> f64 {
+    pub(super) fn objective_m(&self, objective: Objective) -> f64 {
         let value = match objective {
             Objective::Worst => self.worst_m,
             Objective::Mean => self.mean_m,

@@ -67,7 +67,8 @@ fn meant(written: &str, known: &[&str]) -> Option<String> {
 /// Where a table gives the key that a message names: the value of that key.
 pub(super) fn value_of_named_key(text: &str, table: &Range<usize>, message: &str) -> Option<Range<usize>> {
     // The span of a table of its own is that of its header.
-    let is_header = text.as_bytes().get(table.start.checked_sub(1)?) == Some(&b'[');
+    let before = text.get(..table.start)?.rsplit('\n').next()?;
+    let is_header = !before.is_empty() && before.chars().all(|letter| letter == '[');
     let end = match is_header {
         true => text.get(table.end..)?.find("\n[").map_or(text.len(), |more| table.end + more),
         false => table.end,
@@ -78,7 +79,7 @@ pub(super) fn value_of_named_key(text: &str, table: &Range<usize>, message: &str
     for line in text.get(table.start..end)?.split_inclusive('\n') {
         if let Some((key, value)) = line.split_once('=').filter(|_| !line.trim_start().starts_with('#')) {
             let key = key.trim_matches(|letter| !is_word(letter)).rsplit('.').next().unwrap_or_default();
-            let value = value.split('#').next().unwrap_or_default().trim();
+            let value = value.split('#').next().unwrap_or_default().trim_matches([' ', '\r', '\n', '\t', '}', ']']);
             let at = line.find('=').unwrap_or(0);
             if names(key) && !value.is_empty() && !value.contains(['{', ',']) {
                 let start = begin + at + line[at..].find(value)?;

@@ -81,7 +81,10 @@ fn chosen(table: &Table, protocol: &Protocol) -> Option<Table> {
     let is_ring = |ring: &[f64]| {
         ring.iter().sum::<f64>().abs() <= MAX_RING_SUM * ring.iter().map(|value| value.abs()).sum::<f64>()
     };
-    if !table.rows.iter().flat_map(|row| row.chunks_exact(electrodes)).all(is_ring) {
+    // Missing values hide the sum of their ring.
+    let is_whole = |ring: &&[f64]| ring.iter().all(|value| value.is_finite());
+    let mut rings = table.rows.iter().flat_map(|row| row.chunks_exact(electrodes)).filter(is_whole).peekable();
+    if rings.peek().is_none() || !rings.all(is_ring) {
         return None;
     }
     let place = |drive: usize, [plus, minus]: [usize; 2]| {

@@ -14,9 +14,10 @@ pub enum Part {
 }
 
 impl Part {
-    /// This part of a complex value.
+    /// This part of a complex value; NaN where either of its parts is.
     pub(super) fn of(self, [real, imaginary]: [f64; 2]) -> f64 {
         match self {
+            _ if real.is_nan() || imaginary.is_nan() => f64::NAN,
             Part::Real => real,
             Part::Imaginary => imaginary,
             Part::Magnitude => real.hypot(imaginary),

@@ -56,7 +56,8 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>, part: Opti
         // Pairs of columns have no complex values.
         part: part.filter(|_| complex_count > 0),
         // Row numbers and times have no parts.
-        first_is_real: lines.iter().all(is_real),
+        first_is_real: lines.iter().all(is_real)
+            && columns.is_none_or(|columns| lines.first().is_some_and(|(_, line)| fields(line) > columns)),
     };
     let rows: Result<_, TableError> =
         lines.iter().map(|&(index, line)| Ok((index, row(line, index, reading, path)?))).collect();

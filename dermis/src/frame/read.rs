@@ -76,5 +76,8 @@ fn part_of_pairs(table: Table, part: Part, channel_count: usize) -> Result<Table
     if table.rows[0].len().saturating_sub(channel_count) < 2 && table.rows[0].len() >= channel_count {
         return Err(format!("it has no complex values, and frames of {channel_count} values: leave --part out"));
     }
+    if table.rows[0].len() < channel_count && table.rows.len() == channel_count {
+        return Err("it has no complex values, and a frame in each column: write a frame in each row".into());
+    }
     part.of_pairs(table)
 }

@@ -65,9 +65,10 @@ impl MethodSet {
     /// Prepares all methods, so that a later change of the method takes no time.
     ///
     /// # Errors
-    /// A method that cannot be prepared.
+    /// A method that cannot be prepared; the others are.
     pub fn prepare(&self) -> Result<(), MethodError> {
-        self.methods.iter().try_for_each(|one| self.prepared(one).map(drop))
+        let prepared: Vec<_> = self.methods.iter().map(|one| self.prepared(one).map(drop)).collect();
+        prepared.into_iter().collect()
     }
 
     fn prepared<'a>(&self, one: &'a Prepared) -> Result<&'a Method, MethodError> {
