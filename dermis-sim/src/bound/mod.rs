@@ -413,7 +413,8 @@ mod tests {
             }
         };
         // A power law, one with another exponent than the first guess, one that saturates, a step.
-        let functions: [(fn(f64) -> f64, f64); 4] = [
+        type Function = fn(f64) -> f64;
+        let functions: [(Function, f64); 4] = [
             (|at| at.powi(4), 1.0),
             (|at| at, 1.0),
             (|at| 2.0 * at / (1.0 + at), 1.0),

@@ -157,10 +157,10 @@ impl Layouts<'_> {
         let mut rng = sample_rng(options.seed, (REFINING << 32) + start.index as u64);
         let judged_exactly = |start: Start| Ok::<_, crate::Error>((start.clone(), exact(&start)?));
         let mut best = judged_exactly(start)?;
-        if let (0, Some(given)) = (best.0.index, self.given()?) {
-            if of_given.of(options.objective) <= best.1.of(options.objective) {
-                best = (given, of_given.clone());
-            }
+        if let (0, Some(given)) = (best.0.index, self.given()?)
+            && of_given.of(options.objective) <= best.1.of(options.objective)
+        {
+            best = (given, of_given.clone());
         }
         let mut weights = vec![1.0f64; presses.responses.len()];
         let mut next = best.clone();
