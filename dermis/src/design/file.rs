@@ -312,7 +312,7 @@ pub(super) struct ProtocolTable {
     /// The start of the measure pairs of a drive.
     #[serde(default)]
     pub measures_start: MeasuresStart,
-    /// Read V[m + 1] - V[m] in place of V[m] - V[m + 1].
+    /// Read V(m + 1) - V(m) in place of V(m) - V(m + 1).
     #[serde(default)]
     pub measures_reversed: bool,
 }

@@ -183,7 +183,7 @@ fn count_error(path: &Path, row: usize, got: usize, expected: usize, what: &str)
 }
 
 /// Reads conductivity maps, one per row with a value per cell in the order of the mesh (S on surfaces, S/m in volumes).
-/// A header and row numbers are dropped as in [`read_frames`].
+/// A header and row numbers are dropped as in [`read_frames`](super::read_frames).
 ///
 /// # Errors
 /// As [`read_table`]; rows that do not have a value for every cell; a value that is not positive and finite.
