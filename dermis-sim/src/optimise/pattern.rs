@@ -9,7 +9,7 @@ use dermis::protocol::Channel;
 use rayon::prelude::*;
 
 /// Fewest readings of a press: a value for each unknown, and a current.
-const MIN_SLOTS: usize = UNKNOWNS + 1;
+pub(super) const MIN_SLOTS: usize = UNKNOWNS + 1;
 
 /// Presses whose worth one thread sums.
 const PRESSES: usize = 32;

@@ -2,9 +2,10 @@
 
 use super::judge::{judge, with_noise_of};
 use super::options::Start;
+use super::pattern::MIN_SLOTS;
 use super::state::{FoundLayout, State};
 use super::text::design_text;
-use super::{Judgement, Layouts, OptimiseOptions, Optimiser, centres_m, finite, select_readings};
+use super::{Judgement, Layouts, OptimiseError, OptimiseOptions, Optimiser, centres_m, finite, select_readings};
 use crate::twin::TwinOptions;
 use dermis::design::SkinDesign;
 use dermis::files::sha256;
@@ -152,6 +153,10 @@ pub fn optimise(
     output: &Path,
     step: impl Fn() + Sync,
 ) -> crate::Result<Optimised> {
+    // Refused before the search, which takes minutes.
+    if let Some(&slots) = options.slots.iter().find(|slots| **slots < MIN_SLOTS) {
+        return Err(OptimiseError::TooFewSlots { slots, least: MIN_SLOTS }.into());
+    }
     let text = SkinDesign::with_files(&SkinDesign::text_of(design)?, design)?;
     let given = SkinDesign::parse(&text, design)?;
     let run = Run { path: design, text: &text, given: &given, twin, options, output };
