@@ -29,6 +29,7 @@ const WRONG: &[(&str, &str, &[&str])] = &[
     ("check-device disk.toml --source tcp:127.0.0.1:9", "--patience", &["0", "nan", "61"]),
     ("calibrate disk.toml --live -o own", "--presses", &["0", "1e9"]),
     ("calibrate disk.toml --frames x.csv --difference --truth y.csv -o own", "--suggest", &["0", "1001"]),
+    ("contacts disk.toml --frames x.csv --difference -o y.csv", "--leave-out-electrode", &["-1", "1024"]),
     ("bound disk.toml", "--noise", &["nan", "-21", "1e300"]),
     ("bound disk.toml", "--force", &["0", "-1", "nan", "1e300"]),
     ("bound disk.toml", "--tip-radius", &["0", "nan", "1"]),
