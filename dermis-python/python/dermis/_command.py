@@ -37,7 +37,9 @@ def command(name: str, *arguments: Any, **options: Any) -> Any:
     """
     with tempfile.TemporaryDirectory(prefix="dermis-") as path:
         folder = Path(path)
-        if options_of(name).get("json") == "none" and not {"json", "jsonl"} & set(options):
+        # These write their results to a file, or print them as JSON.
+        writes = name in ("contacts", "forward", "reconstruct", "replay")
+        if options_of(name).get("json") == "none" and not writes and not {"json", "jsonl"} & set(options):
             options["json"] = True
         line = words(name, arguments, options, folder)
         error = folder / "error.json"
@@ -48,7 +50,7 @@ def command(name: str, *arguments: Any, **options: Any) -> Any:
         if ended.returncode:
             raise DermisError(f"dermis {name} ended with the code {ended.returncode}")
     text = ended.stdout.decode()
-    return json.loads(text) if options.get("json") else text
+    return json.loads(text) if options.get("json") and not writes else text
 
 
 @functools.cache
