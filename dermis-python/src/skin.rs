@@ -21,6 +21,7 @@ use dermis_sim::dataset::Recipe;
 use dermis_sim::touch::{GaussianTouch, touched_conductivity};
 use numpy::PyArray1;
 use numpy::prelude::*;
+use pyo3::exceptions::{PyAttributeError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{IntoPyDict, PyDict, PyString};
@@ -93,7 +94,13 @@ fn toml_text(keys: &Bound<'_, PyDict>) -> Outcome<String> {
     let py = keys.py();
     let list_of_array = py.import("operator")?.call_method1("methodcaller", ("tolist",))?;
     let options = [("default", list_of_array)].into_py_dict(py)?;
-    let json: String = py.import("json")?.call_method("dumps", (keys,), Some(&options))?.extract()?;
+    // What is no array has no `tolist`.
+    let of_value = |error: PyErr| match error.is_instance_of::<PyAttributeError>(py) {
+        true => PyTypeError::new_err(format!("give numbers, texts, lists, dicts and arrays: {}", error.value(py))),
+        false => error,
+    };
+    let json = py.import("json")?.call_method("dumps", (keys,), Some(&options)).map_err(of_value)?;
+    let json: String = json.extract()?;
     let value: toml::Value = serde_json::from_str(&json).map_err(Failure::given)?;
     toml::to_string(&value).map_err(Failure::given)
 }
