@@ -77,7 +77,7 @@ impl GuidedArguments {
         let device = DeviceOptions { rate_hz: self.source.rate, difference, ..DeviceOptions::default() };
         // The skin may be unlike its model: that is what is to be found out.
         let settings = Settings { force_tare: true, ..Settings::default() };
-        let live = Live::start(methods, LiveOptions { address, device, settings, state: None, waits: false })?;
+        let live = Live::start(methods, LiveOptions { device, ..LiveOptions::new(address, settings) })?;
         let guide = Arc::new(Guide::default());
         let control =
             self.source.control(&live, emulator.clone(), RecordingLimits::default())?.with_guide(Arc::clone(&guide));

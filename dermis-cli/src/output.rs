@@ -2,6 +2,7 @@
 
 use crate::console::print;
 use crate::failure::{Failure, Outcome};
+use dermis::files::ending;
 use dermis::frame::{write_array, write_csv, write_whole};
 use dermis::text::printable_lines;
 use serde::Serialize;
@@ -31,8 +32,7 @@ impl Output {
 
     /// The ending of the file's name in small letters; that of standard output is `csv`.
     pub fn ending(&self) -> String {
-        let Some(file) = self.file() else { return "csv".into() };
-        file.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
+        self.file().map_or_else(|| "csv".into(), ending)
     }
 
     /// Writes the file whole or not at all, or standard output.

@@ -43,15 +43,13 @@ fn emulate(script: &str, faults: &[&str]) -> Running {
     Running { emulator, address }
 }
 
+/// A connection that does not read yet.
+fn connect(running: &Running, settings: Settings) -> Live {
+    Live::start(methods(), LiveOptions::new(running.address.clone(), settings)).unwrap()
+}
+
 fn read(running: &Running, settings: Settings) -> Live {
-    let options = LiveOptions {
-        address: running.address.clone(),
-        device: Default::default(),
-        settings,
-        state: None,
-        waits: false,
-    };
-    let live = Live::start(methods(), options).unwrap();
+    let live = connect(running, settings);
     live.begin();
     live
 }
@@ -59,15 +57,7 @@ fn read(running: &Running, settings: Settings) -> Live {
 #[test]
 fn a_subscriber_from_before_the_beginning_receives_the_first_frame() {
     let running = emulate("none", &[]);
-    let device = Default::default();
-    let options = LiveOptions {
-        address: running.address.clone(),
-        device,
-        settings: Settings::default(),
-        state: None,
-        waits: false,
-    };
-    let live = Live::start(methods(), options).unwrap();
+    let live = connect(&running, Settings::default());
     std::thread::sleep(Duration::from_millis(300));
     let mailbox = live.shared().subscribe(64);
     live.begin();
@@ -84,15 +74,7 @@ fn a_subscriber_from_before_the_beginning_receives_the_first_frame() {
 #[test]
 fn frames_that_stop_are_stale_in_every_output_within_a_quarter_of_a_second() {
     let running = emulate("none", &["silent@3+2"]);
-    let device = Default::default();
-    let options = LiveOptions {
-        address: running.address.clone(),
-        device,
-        settings: Settings::default(),
-        state: None,
-        waits: false,
-    };
-    let live = Live::start(methods(), options).unwrap();
+    let live = connect(&running, Settings::default());
     let watchdog = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     watchdog.set_nonblocking(true).unwrap();
     sinks::watchdog::send(live.shared(), &watchdog.local_addr().unwrap().to_string()).unwrap();

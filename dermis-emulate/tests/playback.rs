@@ -36,8 +36,7 @@ fn record(methods: &Arc<MethodSet>, path: &Path) {
     let emulator = Emulator::new(methods.skin().design(), options).unwrap();
     let address = emulator.serve_locally().unwrap();
     let settings = Settings { method: Methods::REFINED.into(), ..Settings::default() };
-    let options = LiveOptions { address, device: Default::default(), settings, state: None, waits: false };
-    let live = Live::start(Arc::clone(methods), options).unwrap();
+    let live = Live::start(Arc::clone(methods), LiveOptions::new(address, settings)).unwrap();
     let [mailbox, adapted, whole] = [(), (), ()].map(|()| live.shared().subscribe(WAITING));
     live.begin();
     await_frame(&mailbox, 200);

@@ -14,7 +14,7 @@ use dermis::skin;
 use dermis_calibrate::Calibration;
 use dermis_emulate::EmulateError;
 use dermis_emulate::emulator::{Emulator, EmulatorOptions, Script};
-use dermis_live::device::{Address, DeviceOptions};
+use dermis_live::device::Address;
 use dermis_live::recording::{self, Player, Replayed};
 use dermis_live::runtime::{Event, LiveOptions, Mailbox, Popped};
 use dermis_live::{LiveError, LiveFrame};
@@ -276,9 +276,7 @@ impl Live {
             let is_noise_free = || TwinOptions::load(twin).is_ok_and(|twin| twin.electronics.snr_db.is_none());
             let force_tare = is_calibration(&method) || source == "emulate" && is_noise_free();
             let settings = Settings { method, threshold, both_signs, force_tare, ..Settings::default() };
-            let options =
-                LiveOptions { address, device: DeviceOptions::default(), settings, state: None, waits: false };
-            *threads.live() = Some(dermis_live::Live::start(methods, options)?);
+            *threads.live() = Some(dermis_live::Live::start(methods, LiveOptions::new(address, settings))?);
             Ok(threads)
         })?;
         let mailbox = {

@@ -38,6 +38,11 @@ pub fn read_text_at_most(path: &Path, most_bytes: u64) -> Result<String> {
     String::from_utf8(read_at_most(path, most_bytes)?).map_err(not_text)
 }
 
+/// The ending of a file's name in small letters; empty for none.
+pub fn ending(path: &Path) -> String {
+    path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
+}
+
 /// SHA-256 of some bytes (FIPS 180-4).
 pub fn sha256(bytes: &[u8]) -> [u8; 32] {
     Sha256::digest(bytes).into()

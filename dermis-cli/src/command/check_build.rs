@@ -95,7 +95,7 @@ impl Arguments {
         let device = DeviceOptions { rate_hz: self.source.rate, ..DeviceOptions::default() };
         // The skin may be unlike its model: that is what is to be found out.
         let settings = Settings { force_tare: true, ..Settings::default() };
-        let live = Live::start(methods, LiveOptions { address, device, settings, state: None, waits: false })?;
+        let live = Live::start(methods, LiveOptions { device, ..LiveOptions::new(address, settings) })?;
         let read = self.read_frames(&live);
         let name = live.shared().facts().map(|facts| format!("{}, serial number {}", facts.name, facts.serial));
         let failure = live.take_failure();

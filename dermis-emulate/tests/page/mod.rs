@@ -31,9 +31,7 @@ pub fn live_with(folder: &Path, faults: Vec<TimedFault>) -> (Live, Arc<Control>,
     };
     let emulator = Emulator::new(methods.skin().design(), options).unwrap();
     let address = emulator.serve_locally().unwrap();
-    let options =
-        LiveOptions { address, device: Default::default(), settings: Settings::default(), state: None, waits: false };
-    let live = Live::start(Arc::clone(methods), options).unwrap();
+    let live = Live::start(Arc::clone(methods), LiveOptions::new(address, Settings::default())).unwrap();
     live.begin();
     let tapes = RecordingOptions { folder: folder.into(), ..Default::default() };
     let control = Arc::new(Control::new(Arc::clone(live.shared()), Some(emulator.clone()), "emulator".into(), tapes));

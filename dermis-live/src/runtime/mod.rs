@@ -7,14 +7,13 @@
 //! use dermis::method::{MethodSet, Methods};
 //! use dermis::pipeline::Settings;
 //! use dermis::skin::Skin;
-//! use dermis_live::device::{Address, DeviceOptions};
+//! use dermis_live::device::Address;
 //! use dermis_live::{Live, LiveError, LiveOptions};
 //! use std::sync::Arc;
 //!
 //! let methods = Arc::new(MethodSet::new(&Methods::linear(), Skin::load("skin16")?, None)?);
 //! let address = Address::parse("tcp:127.0.0.1:1")?; // no device listens there
-//! let options =
-//!     LiveOptions { address, device: DeviceOptions::default(), settings: Settings::default(), state: None, waits: false };
+//! let options = LiveOptions::new(address, Settings::default());
 //! assert!(matches!(Live::start(methods, options), Err(LiveError::Absent { .. })));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -63,6 +62,13 @@ pub struct LiveOptions {
     pub state: Option<State>,
     /// Whether to wait for a device that is not there yet, in place of an error.
     pub waits: bool,
+}
+
+impl LiveOptions {
+    /// A device with its own frame rate, which must be there, and a tare.
+    pub fn new(address: Address, settings: Settings) -> Self {
+        LiveOptions { address, device: DeviceOptions::default(), settings, state: None, waits: false }
+    }
 }
 
 /// What subscribers receive.

@@ -1,6 +1,6 @@
 //! Tables of numbers in CSV, NPY and NPZ files.
 
-use crate::files::read_at_most;
+use crate::files::{ending, read_at_most};
 use crate::frame::complex::Part;
 use crate::frame::lines::ColumnName;
 use crate::frame::write_whole;
@@ -209,10 +209,9 @@ pub fn read_conductivities(path: &Path, cell_count: usize) -> Result<Vec<Vec<f64
 /// If the shape does not match the number of values.
 pub fn write_array(path: &Path, name: &str, shape: &[usize], values: &[f64]) -> Result<(), TableError> {
     assert_eq!(shape.iter().product::<usize>(), values.len(), "shape {shape:?}");
-    let extension = path.extension().map(|extension| extension.to_ascii_lowercase());
-    write_whole(path, |writer| match extension.as_ref().and_then(|extension| extension.to_str()) {
-        Some("npy") => npy::write_npy(writer, shape, values),
-        Some("npz") => npz::write_npz(writer, name, shape, values),
+    write_whole(path, |writer| match ending(path).as_str() {
+        "npy" => npy::write_npy(writer, shape, values),
+        "npz" => npz::write_npz(writer, name, shape, values),
         _ => csv::write_csv(writer, values, shape.iter().skip(1).product()),
     })
 }

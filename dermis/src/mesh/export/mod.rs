@@ -4,7 +4,7 @@ mod msh;
 mod stl;
 mod vtu;
 
-use crate::files::write_whole;
+use crate::files::{ending, write_whole};
 use crate::mesh::{Cells, ElectrodePatch, Mesh, MeshError};
 use std::io::Write;
 use std::path::Path;
@@ -26,7 +26,7 @@ pub fn save(mesh: &Mesh, path: &Path, conductivity: Option<&[f64]>) -> Result<()
     let fields: Vec<CellField> =
         conductivity.iter().map(|&values| CellField { name: "conductivity".into(), values: values.to_vec() }).collect();
     check_fields(mesh, path, &fields)?;
-    match extension(path).as_str() {
+    match ending(path).as_str() {
         "vtu" => write(path, |out| vtu::write(mesh, &fields, out)),
         "msh" => write(path, |out| msh::write(mesh, conductivity, out)),
         "stl" => write(path, |out| stl::write(mesh, out)),
@@ -71,14 +71,10 @@ pub struct CellField {
 /// Another extension; a field of the wrong length; two fields of one name; a file that cannot be written.
 pub fn save_cell_fields(mesh: &Mesh, path: &Path, fields: &[CellField]) -> Result<(), MeshError> {
     check_fields(mesh, path, fields)?;
-    match extension(path).as_str() {
+    match ending(path).as_str() {
         "vtu" => write(path, |out| vtu::write(mesh, fields, out)),
         other => Err(unknown_extension(path, "values of cells", other, ".vtu")),
     }
-}
-
-fn extension(path: &Path) -> String {
-    path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
 }
 
 fn file_error(path: &Path, message: String) -> MeshError {

@@ -12,6 +12,7 @@ mod soup;
 mod stl;
 
 use crate::design::{Body, ElectrodeShape, LARGEST_BODY_M, MeshFile, SkinDesign};
+use crate::files::ending;
 use crate::geom::vector::bounding_box;
 use crate::mesh::{Mesh, MeshError, place};
 use cursor::Problem;
@@ -131,7 +132,7 @@ pub enum Format {
 
 impl Format {
     fn of(path: &Path) -> Result<Self, Problem> {
-        match extension(path).as_str() {
+        match ending(path).as_str() {
             "msh" => Ok(Format::Msh),
             "stl" => Ok(Format::Stl),
             "obj" => Ok(Format::Obj),
@@ -160,10 +161,6 @@ pub fn parse(bytes: &[u8], format: Format, unit_m: f64) -> Result<Mesh, MeshErro
     let wrong = |Problem(message)| MeshError::Invalid(message);
     check_unit(unit_m).map_err(wrong)?;
     Ok(format.parse(bytes, unit_m).map_err(wrong)?.0)
-}
-
-fn extension(path: &Path) -> String {
-    path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
 }
 
 fn check_unit(unit_m: f64) -> Result<(), Problem> {
