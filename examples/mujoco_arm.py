@@ -1,6 +1,6 @@
 """An arm in MuJoCo whose forearm wears `cylinder30`: a finger presses it, the skin finds the presses.
 
-python examples/mujoco_arm.py [--presses 100] [--method best]      (pip install './dermis-python[mujoco]')
+python examples/mujoco_arm.py [--presses 100] [--method spots]      (pip install './dermis-python[mujoco]')
 
 Every press has a random place and a force of 2 to 5 N, and lasts ten frames of the skin while the arm moves. The contacts of
 the simulator press a digital twin of the skin (uneven coat, electrodes off their places, noise, drift); the network or the
@@ -113,7 +113,7 @@ def run(presses, method, seed=1, report=print):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--presses", type=int, default=100)
-    parser.add_argument("--method", default="best")
+    parser.add_argument("--method", default="spots")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     run(given.presses, given.method, given.seed)

@@ -50,8 +50,8 @@ impl Skin {
         TrainingPreset::paper(self.forward.protocol(), &self.pixels, self.noise())
     }
 
-    fn best(&self) -> TrainingPreset {
-        TrainingPreset::best(&self.design, self.forward.protocol(), &self.pixels, self.noise())
+    fn spots(&self) -> TrainingPreset {
+        TrainingPreset::spots(&self.design, self.forward.protocol(), &self.pixels, self.noise())
     }
 
     /// The training of a preset on the dataset of a folder.
@@ -123,7 +123,7 @@ fn save(folder: &Path, name: &str, shape: &[usize], values: &[f32]) -> Result<()
 /// images of them. Then answers `infer NAME N` with the times of N frames, one by one.
 pub fn inference(data: &Path, folder: &Path) -> Result<(), Box<dyn Error>> {
     let skin = Skin::new()?;
-    let trainings = [skin.training(skin.paper(), data)?, skin.training(skin.best(), data)?];
+    let trainings = [skin.training(skin.paper(), data)?, skin.training(skin.spots(), data)?];
     let differences = (0..COMPARED_FRAMES).map(|index| trainings[0].test().difference(index));
     let differences = differences.collect::<Result<Vec<Vec<f32>>, _>>()?;
     save(folder, "differences", &[COMPARED_FRAMES, differences[0].len()], &differences.concat())?;

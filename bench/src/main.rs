@@ -8,7 +8,7 @@
 //!   of T threads, each with its own solver, that solve N samples or batches in parallel.
 //! - `dermis-bench training DATA FEW FOLDER` and `dermis-bench inference DATA FOLDER` do the same for networks (started
 //!   by `bench/peers/learn.sh`), on datasets of `dermis simulate`: `train N` with the times of N steps of the paper's
-//!   network, `infer paper N` and `infer best N` with those of N frames. FEW contains a single batch to train on.
+//!   network, `infer paper N` and `infer spots N` with those of N frames. FEW contains a single batch to train on.
 //! - `dermis-bench cost` prints the time per sample as a function of the mesh size, for each instruction set, as CSV.
 //! - `dermis-bench limits` prints the limits of this machine: multiply-adds in registers, numbers streamed through each
 //!   level of its memory, as CSV.

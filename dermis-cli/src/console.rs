@@ -2,11 +2,14 @@
 
 use crate::failure::{Failure, Outcome};
 use crate::output::to_standard_output;
+use clap::Args;
 use dermis::pipeline::Severity;
 use dermis::text::{printable, printable_lines};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::collections::BTreeSet;
 use std::io::IsTerminal;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Prints a result. A closed pipe (`dermis ... | head`) is not an error.
@@ -14,9 +17,52 @@ pub fn print(text: &str) -> Outcome {
     to_standard_output(|out| out.write_all(printable_lines(text).as_bytes()))
 }
 
-/// Prints a warning to standard error.
+/// What a command prints beside its result; the same for every command.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct Verbosity {
+    /// Print warnings and errors alone beside the result: no progress, no notes.
+    #[arg(short, long, global = true, display_order = 998)]
+    quiet: bool,
+    /// Print the time of each step.
+    #[arg(short, long, global = true, display_order = 999, conflicts_with = "quiet")]
+    verbose: bool,
+}
+
+static QUIET: AtomicBool = AtomicBool::new(false);
+static VERBOSE: AtomicBool = AtomicBool::new(false);
+/// The warnings of this run.
+static WARNINGS: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+
+impl Verbosity {
+    /// Begins a run with this verbosity.
+    pub fn begin(self) {
+        QUIET.store(self.quiet, Ordering::Relaxed);
+        VERBOSE.store(self.verbose, Ordering::Relaxed);
+        WARNINGS.lock().unwrap_or_else(PoisonError::into_inner).clear();
+    }
+}
+
+fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
+/// Where progress is drawn.
+fn progress_target() -> ProgressDrawTarget {
+    if is_quiet() { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() }
+}
+
+/// Prints a warning to standard error, once in a run.
 pub fn warn(text: &str) {
-    eprintln!("warning: {}", printable_lines(text));
+    if WARNINGS.lock().unwrap_or_else(PoisonError::into_inner).insert(text.into()) {
+        eprintln!("warning: {}", printable_lines(text));
+    }
+}
+
+/// Prints a note to standard error.
+pub fn note(text: &str) {
+    if !is_quiet() {
+        eprintln!("{}", printable_lines(text));
+    }
 }
 
 /// A number that JSON has; its `null` for one that is not known.
@@ -62,7 +108,7 @@ impl Progress {
 
     /// A spinner with the elapsed time, for work of unknown length.
     pub fn waiting(what: &str) -> Self {
-        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+        let bar = ProgressBar::with_draw_target(None, progress_target());
         bar.set_style(ProgressStyle::with_template("{msg} {spinner} {elapsed}").expect("a valid template"));
         bar.set_message(what.to_string());
         bar.enable_steady_tick(Duration::from_millis(200));
@@ -87,10 +133,10 @@ impl Progress {
     pub fn steps(&self, count: u64) {
         if self.begun.elapsed() > Self::QUIET && !self.shown.swap(true, Ordering::Relaxed) {
             // Draws nothing where standard error is not a terminal.
-            self.bar.set_draw_target(ProgressDrawTarget::stderr());
+            self.bar.set_draw_target(progress_target());
         }
         self.bar.inc(count);
-        if self.shown.load(Ordering::Relaxed) && !std::io::stderr().is_terminal() {
+        if self.shown.load(Ordering::Relaxed) && !is_quiet() && !std::io::stderr().is_terminal() {
             self.log();
         }
     }
@@ -109,6 +155,9 @@ impl Progress {
 impl Drop for Progress {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
+        if VERBOSE.load(Ordering::Relaxed) {
+            eprintln!("{}: {:.2} s", printable_lines(&self.bar.message()), self.begun.elapsed().as_secs_f64());
+        }
     }
 }
 
@@ -122,7 +171,7 @@ impl dermis_study::Progress for StudyProgress {
     }
 
     fn note(&self, line: &str) {
-        eprintln!("{}", printable_lines(line));
+        note(line);
     }
 }
 
@@ -167,7 +216,7 @@ pub struct StatusLine {
 impl StatusLine {
     /// An empty line.
     pub fn new() -> Self {
-        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+        let bar = ProgressBar::with_draw_target(None, progress_target());
         bar.set_style(ProgressStyle::with_template("{msg}").expect("a valid template"));
         StatusLine { bar }
     }
@@ -176,6 +225,13 @@ impl StatusLine {
     pub fn show(&self, text: &str) {
         self.bar.set_message(text.to_string());
         self.bar.tick();
+    }
+
+    /// Prints a message above it.
+    pub fn notice(&self, level: Severity, text: &str) {
+        if level != Severity::Info || !is_quiet() {
+            self.print(&notice_line(level, text));
+        }
     }
 
     /// Prints text above it.

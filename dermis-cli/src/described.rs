@@ -36,7 +36,8 @@ pub struct DescribedArgument {
 
 impl DescribedCommand {
     pub(crate) fn of(command: &Command) -> Self {
-        let is_own = |argument: &&Arg| !matches!(argument.get_action(), ArgAction::Help | ArgAction::HelpLong);
+        let is_help = |argument: &Arg| matches!(argument.get_action(), ArgAction::Help | ArgAction::HelpLong);
+        let is_own = |argument: &&Arg| !is_help(argument) && !argument.is_global_set();
         DescribedCommand {
             name: command.get_name().to_string(),
             about: command.get_about().map(ToString::to_string).unwrap_or_default(),

@@ -139,8 +139,8 @@ impl FrameArguments {
         let Recorded { frames, untouched, used, .. } = recorded;
         let mut unused = [left_out, &broken_channels(untouched)].concat();
         unused.sort_unstable();
-        let model = skin.forward().solve(skin.forward().rest_conductivity())?;
-        let check = Plausibility::new(&skin.design().protocol, &model, &unused);
+        let model = skin.untouched()?;
+        let check = Plausibility::new(&skin.design().protocol, model, &unused);
         if self.is_of_model() {
             return self.report(&self.frames, in_file(check.of_model_differences(frames), used), true);
         }
@@ -173,8 +173,8 @@ impl FrameArguments {
         if !self.is_of_model() {
             return Ok(None);
         }
-        let model = skin.forward().solve(skin.forward().rest_conductivity())?;
-        Ok(Plausibility::new(&skin.design().protocol, &model, &[]).of_model_differences(differences))
+        let model = skin.untouched()?;
+        Ok(Plausibility::new(&skin.design().protocol, model, &[]).of_model_differences(differences))
     }
 
     /// All frames, and which of them are used.
@@ -199,8 +199,8 @@ impl FrameArguments {
             if self.paired {
                 return Err(Failure::given("the model is one untouched frame", Some("leave --paired out")));
             }
-            let model = skin.forward().solve(skin.forward().rest_conductivity())?;
-            let frames = model_differences(protocol, &model, &used.select(&frames), left_out)?.frames;
+            let model = skin.untouched()?;
+            let frames = model_differences(protocol, model, &used.select(&frames), left_out)?.frames;
             return Ok(Recorded { frames, untouched: Vec::new(), paired: false, used });
         }
         let Some(path) = &self.baseline else {

@@ -1,6 +1,6 @@
 //! A guided calibration session: where to press next, the presses taken, and the calibration as it gets better.
 
-use crate::console::{Progress, StatusLine, notice_line, on_interrupt, print, print_json};
+use crate::console::{Progress, StatusLine, on_interrupt, print, print_json};
 use crate::failure::{Failure, Outcome};
 use crate::fitted;
 use crate::range::count;
@@ -204,8 +204,8 @@ impl Guided {
                     }
                 }
                 Popped::Item(Event::State(state)) => self.collector.set_baseline(&state),
-                Popped::Item(Event::Notice(notice)) => self.line.print(&notice_line(notice.level, &notice.text)),
-                Popped::Item(Event::Lost(why)) => self.line.print(&notice_line(Severity::Error, &why)),
+                Popped::Item(Event::Notice(notice)) => self.line.notice(notice.level, &notice.text),
+                Popped::Item(Event::Lost(why)) => self.line.notice(Severity::Error, &why),
                 Popped::Item(_) | Popped::TimedOut => {}
                 Popped::Closed => break,
             }
@@ -322,7 +322,7 @@ impl Guided {
             }
             Ok(Err(error)) => {
                 self.note = error.to_string();
-                self.line.print(&notice_line(Severity::Warning, &self.note));
+                self.line.notice(Severity::Warning, &self.note);
             }
             // A thread that panicked has printed its message already.
             Err(_) => {}

@@ -1,6 +1,6 @@
 //! Statistics of a live skin, as they are shown at its end.
 
-use crate::console::print_json;
+use crate::console::{note, print_json};
 use crate::failure::Outcome;
 use dermis::stats::nearest_quantiles;
 use dermis::text::counted;
@@ -34,7 +34,7 @@ pub fn show(statistics: &LiveStatistics, uncounted: u64, picture: Option<&Path>,
     table.pair("the same, 99 % within", format!("{:.3} ms", latency_ms.p99));
     table.pair("the same, longest", format!("{:.3} ms", latency_ms.worst));
     // Standard output may carry lines of JSON, and its writer may hold the lock while a reader does not read.
-    eprintln!("\n{}", table.to_text());
+    note(&format!("\n{}", table.to_text()));
     Ok(())
 }
 

@@ -56,6 +56,8 @@ Examples:
 From Python: `pip install ./dermis-python`, then `import dermis`."
 )]
 struct Arguments {
+    #[command(flatten)]
+    verbosity: console::Verbosity,
     #[command(subcommand)]
     command: command::Command,
 }
@@ -130,6 +132,7 @@ pub fn training_options(arguments: impl IntoIterator<Item = OsString>) -> Result
 
 /// Runs the command. A panic is a bug: an internal error, in whichever thread it was.
 fn finish(arguments: Arguments) -> failure::Outcome {
+    arguments.verbosity.begin();
     let before = failure::watch_panics();
     match std::panic::catch_unwind(|| arguments.command.run()) {
         Ok(Ok(())) if failure::panics() == before => Ok(()),

@@ -26,9 +26,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The help of `--method`, the same for every command.
 pub const METHOD_HELP: &str = "Reconstruction method: noser, laplace, tikhonov, gauss-newton, tv or greit; a shipped network \
-    (best or paper for cylinder30, shapes for skin16); the folder of a trained network or of a calibration, as in \
-    ./my-model; or refined: the best of these, its contacts refined on the skin that the untouched frames identify \
-    [default: the best for the skin: refined for cylinder30, or else a shipped network or a linear method]";
+    (spots or paper for cylinder30, shapes for skin16); the folder of a trained network or of a calibration, as in \
+    ./my-model; refined: the contacts of the best other method, refined on the skin that the untouched frames identify; or \
+    best: the default of the skin (refined for cylinder30, else a shipped network, else a linear method) [default: best]";
 
 /// The reconstruction method and its options.
 #[derive(Debug, Clone, Args)]
@@ -164,7 +164,7 @@ impl FromStr for AlphaChoice {
 impl MethodArguments {
     /// The requested name; empty for the default.
     pub fn name(&self) -> &str {
-        self.method.as_deref().unwrap_or_default()
+        self.method.as_deref().filter(|name| !Methods::is_default(name)).unwrap_or_default()
     }
 
     /// The channels that are left out.

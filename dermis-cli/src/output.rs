@@ -1,10 +1,9 @@
 //! Where the results of commands go: files, or standard output.
 
-use crate::console::print;
+use crate::console::{note, print};
 use crate::failure::{Failure, Outcome};
 use dermis::files::ending;
 use dermis::frame::{write_array, write_csv, write_whole};
-use dermis::text::printable_lines;
 use serde::Serialize;
 use std::io::{BufWriter, Error, ErrorKind, IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -62,7 +61,7 @@ impl Output {
         match self.file() {
             Some(file) => print(&format!("{}: {text}\n", file.display())),
             None if std::io::stderr().is_terminal() => {
-                eprintln!("{}", printable_lines(text));
+                note(text);
                 Ok(())
             }
             None => Ok(()),

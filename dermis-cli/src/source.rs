@@ -1,5 +1,6 @@
 //! The source of live frames, and the page that shows them.
 
+use crate::console::note;
 use crate::emulated::EmulatorArguments;
 use crate::failure::{Failure, Outcome};
 use crate::range::number;
@@ -100,8 +101,8 @@ impl PageArguments {
         let is_hidden = token.is_some() && self.token.is_none();
         let server = Server::start(Arc::clone(control), &ServerOptions { address: self.serve.clone(), token })?;
         match is_hidden {
-            true => eprintln!("the viewer is at {}?token=TOKEN", server.url_without_token()),
-            false => eprintln!("the viewer is at {}", server.url()),
+            true => note(&format!("the viewer is at {}?token=TOKEN", server.url_without_token())),
+            false => note(&format!("the viewer is at {}", server.url())),
         }
         Ok(Some(server))
     }

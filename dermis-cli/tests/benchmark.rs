@@ -41,7 +41,7 @@ fn what_cannot_be_assessed_is_refused() {
     assert!(at.refused("benchmark disk.toml --twin labb").contains("did you mean `lab`?"));
     assert!(at.refused("benchmark nosuch --twins 1").contains("nosuch"));
     assert!(at.refused("benchmark disk.toml --quick --method ./nosuch").contains("nosuch"));
-    assert!(at.refused("benchmark disk.toml --method best --alpha 0.1").contains("no regularization parameter"));
+    assert!(at.refused("benchmark disk.toml --method spots --alpha 0.1").contains("no regularization parameter"));
 }
 
 #[test]

@@ -91,8 +91,8 @@ fn the_best_network_is_corrected() {
     at.good("forward cylinder30 -o rest.npy");
     at.good("forward cylinder30 --touches touches.csv -o frames.npy");
     let input = "cylinder30 --frames frames.npy --baseline rest.npy --truth touches.csv";
-    let json = at.json(&format!("calibrate {input} --labels 0..24 --method best -o corrected --json"));
-    assert_eq!((&json["method"], json["quality"]["labels"].as_u64()), (&"best".into(), Some(24)), "{json}");
+    let json = at.json(&format!("calibrate {input} --labels 0..24 --method spots -o corrected --json"));
+    assert_eq!((&json["method"], json["quality"]["labels"].as_u64()), (&"spots".into(), Some(24)), "{json}");
     let score = at.json(&format!("evaluate {input} --method ./corrected --rows 24..32 -o report.csv --json"));
     assert!(score["localisation_m"]["mean"].as_f64().unwrap() < 0.004, "{score}");
     let (_, rows) = table(&at, "report.csv");

@@ -73,11 +73,11 @@ fn other_programs_make_the_same_images_on_a_disk() {
 }
 
 #[test]
-#[ignore = "slow: trains the best network for the paper's skin; needs python3 (or DERMIS_PYTHON) with NumPy"]
+#[ignore = "slow: trains the network of spots for the paper's skin; needs python3 (or DERMIS_PYTHON) with NumPy"]
 fn other_programs_make_the_same_images_on_a_cylinder() {
     let Some(python) = python("numpy") else { return };
     let workplace = Workplace::new();
-    workplace.model("cylinder30", "best", 870);
+    workplace.model("cylinder30", "spots", 870);
     agree(&workplace, &python);
 }
 

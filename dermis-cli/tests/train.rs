@@ -53,22 +53,22 @@ fn samples_may_be_streamed_and_ingredients_left_out() {
         serde_json::from_slice(&std::fs::read(at.path(folder).join("card.json")).unwrap()).unwrap()
     };
     let train = "train disk.toml --stream gaussian --epoch-samples 360 --epochs 1 --network";
-    at.good(&format!("{train} best -o best"));
+    at.good(&format!("{train} spots -o spots"));
     let without = "--without symmetries --without touches --without reciprocity --without disturbance";
-    at.good(&format!("{train} best {without} -o plain"));
+    at.good(&format!("{train} spots {without} -o plain"));
     assert_eq!(
-        (&card("plain")["target"], card("best")["target"]["touches"].is_object()),
+        (&card("plain")["target"], card("spots")["target"]["touches"].is_object()),
         (&"conductance".into(), true)
     );
     let inputs = |folder: &str| card(folder)["input"]["channels"].as_array().unwrap().len();
-    assert_eq!((inputs("best"), inputs("plain")), (20, 40));
+    assert_eq!((inputs("spots"), inputs("plain")), (20, 40));
     assert_eq!(card("plain")["noise"]["factor"], serde_json::json!([1.0, 1.0]));
     // A skin with symmetries: these move touches, so that a network that is trained without touches has none.
     at.write(
         "cylinder.toml",
         include_str!("../../dermis/designs/cylinder30.toml").replace("max_edge_m = 0.006", "max_edge_m = 0.012"),
     );
-    let train_cylinder = "train cylinder.toml --stream gaussian --epoch-samples 360 --epochs 1 --network best";
+    let train_cylinder = "train cylinder.toml --stream gaussian --epoch-samples 360 --epochs 1 --network spots";
     for (more, symmetries) in [("", 20), ("--without symmetries", 1), ("--without touches", 1)] {
         let folder = format!("cylinder{}", more.replace(' ', "-"));
         at.good(&format!("{train_cylinder} {more} -o {folder}"));
@@ -76,7 +76,7 @@ fn samples_may_be_streamed_and_ingredients_left_out() {
     }
     at.good(&format!("{train} paper-norm-first -o otherwise"));
     assert_eq!(card("otherwise")["plan"]["trunk"].as_array().unwrap().len(), 9);
-    assert!(at.refused(&format!("{train} paper --without touches -o no")).contains("--network best"));
+    assert!(at.refused(&format!("{train} paper --without touches -o no")).contains("--network spots"));
 }
 
 #[test]
@@ -102,6 +102,6 @@ fn what_cannot_be_learned_from_is_refused_and_a_good_checkpoint_stays() {
     let checkpoint = std::fs::read(at.path("model/checkpoint.safetensors")).unwrap();
     // Other training options and another network do not resume from this checkpoint.
     assert!(refused("disk.toml --data data --epochs 2 --rate 0.01 -o model").contains("checkpoint"));
-    assert!(refused("disk.toml --data data --epochs 1 --network best -o model").contains("checkpoint"));
+    assert!(refused("disk.toml --data data --epochs 1 --network spots -o model").contains("checkpoint"));
     assert!(std::fs::read(at.path("model/checkpoint.safetensors")).unwrap() == checkpoint);
 }

@@ -6,7 +6,7 @@ use dermis::skin::Skin;
 use dermis_emulate::emulator::{Emulator, EmulatorOptions, Script};
 use dermis_live::recording::{Player, Replay, Replayed};
 use dermis_live::recording::{RecordingLimits, RecordingSink};
-use dermis_live::{Event, Live, LiveOptions, Mailbox, Popped};
+use dermis_live::{ClientSession, Control, Event, Live, LiveOptions, Mailbox, Popped, RecordingOptions};
 use dermis_sim::twin::TwinOptions;
 use std::path::Path;
 use std::sync::Arc;
@@ -122,6 +122,55 @@ fn played(methods: &Arc<MethodSet>, path: &Path, speed: f64) -> (Vec<(u64, Vec<T
     (frames, commands)
 }
 
+/// A playback that is paused, moved forwards and then back to its start: the frames from there on.
+fn sought(methods: &Arc<MethodSet>, path: &Path) -> Vec<(u64, Vec<TrackedContact>)> {
+    let live = Live::play(Arc::clone(methods), Player::open(path, methods, 1.0).unwrap()).unwrap();
+    let options = RecordingOptions::default();
+    let control = Arc::new(Control::new(Arc::clone(live.shared()), None, "a recording".into(), options));
+    let mut page = ClientSession::new(control);
+    let mailbox = live.shared().subscribe(WAITING);
+    live.begin();
+    let first = await_frame(&mailbox, 0);
+    page.ask(r#"{"do":"pause","on":true}"#).unwrap();
+    let frames = |time: Duration| {
+        let (begun, mut numbers) = (Instant::now(), Vec::new());
+        while begun.elapsed() < time {
+            match mailbox.take(Duration::from_millis(10)) {
+                Popped::Item(Event::Frame(frame)) => numbers.push(frame.result.sequence),
+                Popped::Item(Event::Stale(_)) => panic!("a pause is no fault"),
+                _ => {}
+            }
+        }
+        numbers
+    };
+    frames(Duration::from_millis(300));
+    assert!(frames(Duration::from_millis(500)).is_empty(), "it stands still");
+    // While it is paused, the frames up to the place are played.
+    page.ask(r#"{"do":"seek","part":0.6}"#).unwrap();
+    await_frame(&mailbox, first + 300);
+    frames(Duration::from_secs(2));
+    assert!(frames(Duration::from_millis(500)).is_empty(), "it stands still there");
+    assert!(page.ask(r#"{"do":"seek","part":1.5}"#).unwrap_err().contains("from 0"));
+    page.ask(r#"{"do":"seek","part":0}"#).unwrap();
+    page.ask(r#"{"do":"pause","on":false}"#).unwrap();
+    let mut from_start = Vec::new();
+    loop {
+        match mailbox.take(Duration::from_secs(30)) {
+            Popped::Item(Event::Frame(frame)) => {
+                from_start.push((frame.result.sequence, frame.result.contacts.clone()));
+                if from_start.len() == 60 {
+                    page.ask(r#"{"do":"seek","part":1}"#).unwrap();
+                }
+            }
+            Popped::Item(_) => {}
+            Popped::TimedOut => panic!("a recording that stands still"),
+            Popped::Closed => break,
+        }
+    }
+    live.stop();
+    from_start
+}
+
 #[test]
 fn a_recording_in_the_place_of_its_device_gives_the_contacts_of_its_replay() {
     let methods = methods("cylinder30");
@@ -159,6 +208,7 @@ fn a_recording_in_the_place_of_its_device_gives_the_contacts_of_its_replay() {
     assert!(text(&at_four_times.0) == text(&frames), "the same contacts in every frame");
     // Faster than the pipeline: no frame is dropped either.
     assert!(text(&played(&methods, &path, 1e6).0) == text(&frames));
+    assert!(text(&sought(&methods, &path)) == text(&frames), "from the start again");
 
     let other = self::methods("skin16");
     let error = Player::open(&path, &other, 1.0).expect_err("another skin").to_string();

@@ -14,7 +14,7 @@ pub struct Card {
     pub format: String,
     /// The version of this library.
     pub version: String,
-    /// The name of the network: "paper", "best".
+    /// The name of the network: "paper", "spots".
     pub name: String,
     /// The skin it was trained for.
     pub skin: SkinRecord,

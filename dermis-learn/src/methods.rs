@@ -16,7 +16,7 @@ use std::sync::Arc;
 ///
 /// let skin = Skin::load("cylinder30")?;
 /// let methods = dermis_learn::methods();
-/// assert_eq!(methods.default_name(&skin)?, "refined"); // the contacts of `best`, refined
+/// assert_eq!(methods.default_name(&skin)?, "refined"); // the contacts of `spots`, refined
 /// let method = methods.method(&skin, "paper", &MethodOptions::default())?;
 /// assert_eq!(method.label(), "shipped network `paper`");
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -82,25 +82,25 @@ mod tests {
     fn networks_come_first_and_a_name_is_no_folder() {
         let skin = Skin::load("cylinder30").unwrap();
         let names = methods().names(&skin).unwrap();
-        assert_eq!(names[..5], ["refined", "best", "paper", "noser", "laplace"]);
+        assert_eq!(names[..5], ["refined", "spots", "paper", "noser", "laplace"]);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("paper");
-        let shipped = Model::named("best", &skin).unwrap();
+        let shipped = Model::named("spots", &skin).unwrap();
         shipped.save(&path, crate::Precision::Half).unwrap();
         let path = path.to_str().unwrap();
         let own = methods().method(&skin, path, &MethodOptions::default()).unwrap();
         assert_eq!((own.name(), own.label()), (path, format!("network in {path}").as_str()));
-        assert!(own.card().unwrap().contains("\"best\""), "the card is the folder's");
+        assert!(own.card().unwrap().contains("\"spots\""), "the card is the folder's");
         let alpha = MethodOptions { alpha: dermis::reconstruct::Alpha::Given(0.1), ..MethodOptions::default() };
-        let error = methods().method(&skin, "best", &alpha).unwrap_err().to_string();
-        assert!(error.contains("best has no regularization parameter"), "{error}");
+        let error = methods().method(&skin, "spots", &alpha).unwrap_err().to_string();
+        assert!(error.contains("spots has no regularization parameter"), "{error}");
     }
 
     #[test]
     fn a_shipped_network_of_another_skin_is_refused_by_name() {
         let skin = Skin::load("tank16").unwrap();
         assert_eq!(methods().default_name(&skin).unwrap(), "noser");
-        let error = methods().method(&skin, "best", &MethodOptions::default()).unwrap_err().to_string();
+        let error = methods().method(&skin, "spots", &MethodOptions::default()).unwrap_err().to_string();
         assert!(error.contains("trained for the skin `cylinder30`"), "{error}");
     }
 }

@@ -1,7 +1,7 @@
-//! The shipped models: `paper` and `best` for the paper's skin, `shapes` for `skin16`.
+//! The shipped models: `paper` and `spots` for the paper's skin, `shapes` for `skin16`.
 
 /// Their names, the preferred ones first.
-pub(crate) const NAMES: [&str; 3] = ["best", "paper", "shapes"];
+pub(crate) const NAMES: [&str; 3] = ["spots", "paper", "shapes"];
 
 /// The card and the weights of a model. Statics: a constant would be copied into every crate that [`files`] is inlined into.
 type Files = (&'static [u8], &'static [u8]);
@@ -10,9 +10,9 @@ static PAPER: Files = (
     include_bytes!("../models/cylinder30/paper/card.json"),
     include_bytes!("../models/cylinder30/paper/weights.safetensors"),
 );
-static BEST: Files = (
-    include_bytes!("../models/cylinder30/best/card.json"),
-    include_bytes!("../models/cylinder30/best/weights.safetensors"),
+static SPOTS: Files = (
+    include_bytes!("../models/cylinder30/spots/card.json"),
+    include_bytes!("../models/cylinder30/spots/weights.safetensors"),
 );
 static SHAPES: Files = (
     include_bytes!("../models/skin16/shapes/card.json"),
@@ -23,7 +23,7 @@ static SHAPES: Files = (
 pub fn files(name: &str) -> Option<(&'static [u8], &'static [u8])> {
     match name {
         "paper" => Some(PAPER),
-        "best" => Some(BEST),
+        "spots" => Some(SPOTS),
         "shapes" => Some(SHAPES),
         _ => None,
     }

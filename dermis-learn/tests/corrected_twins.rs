@@ -1,4 +1,4 @@
-//! Correction of the shipped network `best` by presses on digital twins of the paper's skin.
+//! Correction of the shipped network `spots` by presses on digital twins of the paper's skin.
 //!
 //! `cargo test --release -p dermis-learn --test integration corrected_twins:: -- --ignored --nocapture` prints the table of
 //! `docs/calibration.md`. The presses that are scored are never labels.
@@ -57,7 +57,7 @@ fn experiment(skin: &Skin, twin: &str, seed: u64, labels: usize) -> Experiment {
 /// The network with the correction by some presses; alone without any.
 fn method(skin: &Skin, detector: &Detector, presses: &Frames, labels: usize) -> Method {
     let methods = dermis_learn::methods();
-    let best = methods.method(skin, "best", &MethodOptions::default()).unwrap();
+    let best = methods.method(skin, "spots", &MethodOptions::default()).unwrap();
     if labels == 0 {
         return best;
     }
@@ -127,7 +127,7 @@ fn row(skin: &Skin, experiment: &Experiment, detector: &Detector, labels: usize)
 fn two_hundred_presses_correct_the_forces() {
     let skin = Skin::load("cylinder30").unwrap();
     let experiment = experiment(&skin, "lab", 3003, 200);
-    let best = dermis_learn::methods().method(&skin, "best", &MethodOptions::default()).unwrap();
+    let best = dermis_learn::methods().method(&skin, "spots", &MethodOptions::default()).unwrap();
     let detector = best.detector(&experiment.untouched, &skin.design().protocol).unwrap();
     let score =
         |labels| scored(&method(&skin, &detector, &experiment.random, labels), &detector, &experiment.random, 200).0;
@@ -149,7 +149,7 @@ fn the_error_by_the_number_of_presses_that_correct_the_network() {
     println!("|---|---|---|---|---|---|---|---|---|---|");
     for (twin, seed) in [("lab", 3001), ("lab", 3002), ("harsh", 3001), ("harsh", 3002)] {
         let experiment = experiment(&skin, twin, seed, 900);
-        let best = dermis_learn::methods().method(&skin, "best", &MethodOptions::default()).unwrap();
+        let best = dermis_learn::methods().method(&skin, "spots", &MethodOptions::default()).unwrap();
         let detector = best.detector(&experiment.untouched, &skin.design().protocol).unwrap();
         for labels in [0, 50, 200, 900] {
             println!("| `{twin}`, {seed} | {labels} | {} |", row(&skin, &experiment, &detector, labels));

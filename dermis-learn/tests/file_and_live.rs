@@ -76,7 +76,7 @@ fn frames_of_a_file_and_of_the_pipeline_give_the_same_contacts() {
     let skin = Skin::load("cylinder30").unwrap();
     let surface = skin.design().body.surface();
     let frames = frames(&skin);
-    for name in ["noser", "best"] {
+    for name in ["noser", "spots"] {
         let (file, live) = (from_file(&skin, name, &frames), from_pipeline(&skin, name, &frames));
         let (mut distances_m, mut compared) = (Vec::new(), 0);
         let (mut single, mut untouched) = (0, 0);

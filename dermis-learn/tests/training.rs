@@ -47,7 +47,7 @@ impl Bench {
         let noise_ohm = vec![1e-3; self.forward.protocol().channel_count()];
         let mut methods = [
             TrainingPreset::paper(self.forward.protocol(), &self.pixels, noise_ohm.clone()),
-            TrainingPreset::best(&self.design, self.forward.protocol(), &self.pixels, noise_ohm),
+            TrainingPreset::spots(&self.design, self.forward.protocol(), &self.pixels, noise_ohm),
         ];
         for method in &mut methods {
             method.options = TrainOptions { batch: 60, epochs: 4, ..method.options.clone() };

@@ -188,7 +188,7 @@ fn few_rows(levels_db: &[f64], rows: impl Iterator<Item = u64> + Clone, count: u
             let mut options = TwinOptions::shipped("lab").unwrap();
             options.electronics.snr_db = Some(snr_db);
             let twin = Twin::new(skin.design(), &options, 19_100 + rows).unwrap();
-            for method in [Methods::REFINED, "best", "noser"] {
+            for method in [Methods::REFINED, "spots", "noser"] {
                 let (found, confidence) = contacts(&twin, &skin, method, rows, count);
                 println!(
                     "{snr_db} dB, {rows} rows, {method}: {found} contacts in {count} untouched frames, confidence {confidence:.2}"

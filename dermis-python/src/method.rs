@@ -57,9 +57,9 @@ impl Method {
         let skin = self.skin.skin();
         let protocol = &skin.design().protocol;
         let (differences, is_single) = arrays::differences(frames, baseline, protocol.channel_count())?;
-        let model = skin.forward().solve(skin.forward().rest_conductivity()).map_err(Failure::given)?;
+        let model = skin.untouched().map_err(Failure::given)?;
         let broken = broken_channels(&differences.untouched);
-        for found in Plausibility::new(protocol, &model, &broken).of(&differences) {
+        for found in Plausibility::new(protocol, model, &broken).of(&differences) {
             let Finding { evidence, fix, .. } = &found;
             if found.is_fault() && !force {
                 return Err(Failure::with_hint(evidence, &format!("{fix}; `force=True` goes on all the same")));

@@ -14,7 +14,7 @@ def skin():
 def test_a_touch_is_found_by_every_kind_of_method(skin):
     place = [0.0, 0.05, 0.15]
     touched = skin.forward(skin.touched_conductivity(place))
-    for name in ["noser", "paper", "best", None]:
+    for name in ["noser", "paper", "spots", None]:
         contacts = skin.method(name).contacts(touched, skin.forward())
         assert len(contacts) == 1, name
         assert np.linalg.norm(contacts.position_m[0] - place) < 0.008, name
@@ -57,7 +57,7 @@ def test_wrong_input_is_refused(skin):
     with pytest.raises(dermis.DermisError, match="no-such-method"):
         skin.method("no-such-method")
     with pytest.raises(dermis.DermisError, match="both signs"):
-        skin.method("best").contacts(frame, frame, both_signs=True)
+        skin.method("spots").contacts(frame, frame, both_signs=True)
     with pytest.raises(dermis.DermisError, match="alpha"):
         skin.method("noser", alpha=-1.0)
 

@@ -82,7 +82,7 @@ def test_a_forked_child_computes(skin):
 
 
 def tared_in_child(queue, skin, untouched):
-    pipeline = dermis.Pipeline(skin, "best", tare_frames=10)
+    pipeline = dermis.Pipeline(skin, "spots", tare_frames=10)
     queue.put([pipeline.process(values, 1e9 + number).validity for number, values in enumerate(untouched)])
 
 
@@ -90,7 +90,7 @@ def tared_in_child(queue, skin, untouched):
 def test_a_pipeline_of_a_forked_child_measures_its_noise(skin):
     untouched = skin.twin("lab", seed=1).untouched(12)
     # The parent has done the same, with threads that the child does not have.
-    parent = dermis.Pipeline(skin, "best", tare_frames=10)
+    parent = dermis.Pipeline(skin, "spots", tare_frames=10)
     expected = [parent.process(values, 1e9 + number).validity for number, values in enumerate(untouched)]
     context = multiprocessing.get_context("fork")
     queue = context.Queue()
@@ -128,7 +128,7 @@ def test_the_program_gives_the_same_bytes(skin, tmp_path):
     np.testing.assert_array_equal(np.load(tmp_path / "jacobian.npy"), skin.jacobian())
     run("jacobian", "cylinder30", "--per", "cell", "-o", "jacobian.npy")
     np.testing.assert_array_equal(np.load(tmp_path / "jacobian.npy"), skin.jacobian(per="cell"))
-    for name in ["noser", "tv", "greit", "best", "paper"]:
+    for name in ["noser", "tv", "greit", "spots", "paper"]:
         data = ["--frames", "frames.npy", "--baseline", "untouched.npy", "--method", name]
         run("reconstruct", "cylinder30", *data, "-o", "images.npy")
         method = skin.method(name)

@@ -20,7 +20,7 @@ import dermis
 skin = dermis.Skin.load("cylinder30")
 untouched = skin.forward()
 assert_type(untouched, NDArray[np.float64])
-contacts = skin.method("best").contacts(skin.forward(skin.touched_conductivity([0.0, 0.05, 0.15])), untouched)
+contacts = skin.method("spots").contacts(skin.forward(skin.touched_conductivity([0.0, 0.05, 0.15])), untouched)
 assert_type(contacts.of_frame(0), dermis.Contacts)
 gradient = skin.solve(skin.rest_conductivity).gradient(untouched, parameters=True)
 assert_type(gradient["nodes"], NDArray[np.float64])

@@ -51,7 +51,7 @@ impl Named {
         let card = model.card().clone();
         let name = match card.name.as_str() {
             "paper" => "paper's network".to_string(),
-            "best" => "best network".to_string(),
+            "spots" => "network of spots".to_string(),
             other => format!("network {other}"),
         };
         // The name on the card comes from a file and becomes part of file names.

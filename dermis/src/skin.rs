@@ -4,7 +4,7 @@
 //! use dermis::skin::Skin;
 //!
 //! let skin = Skin::load("tank16")?;
-//! let untouched = skin.forward().solve(skin.forward().rest_conductivity())?; // ohm
+//! let untouched = skin.untouched()?; // ohm
 //! assert_eq!(untouched.len(), skin.design().protocol.channel_count());
 //! # Ok::<(), dermis::Error>(())
 //! ```
@@ -13,6 +13,7 @@ use crate::Result;
 use crate::design::SkinDesign;
 use crate::finding::{Finding, FindingKind};
 use crate::forward::ForwardModel;
+use crate::frame::Frame;
 use crate::image::PixelSpace;
 use crate::linalg::dot;
 use crate::mesh::Mesh;
@@ -38,6 +39,7 @@ struct Parts {
     design_text: Option<String>,
     forward: ForwardModel,
     pixels: Arc<PixelSpace>,
+    untouched: OnceLock<Frame>,
     linearised: OnceLock<Linearised>,
 }
 
@@ -88,7 +90,7 @@ impl Skin {
     fn assemble(design: SkinDesign, design_text: Option<String>, mesh: &Mesh) -> Result<Self> {
         let forward = ForwardModel::new(&design, mesh)?;
         let pixels = Arc::new(PixelSpace::for_design(&design, forward.mesh())?);
-        Ok(Skin { parts: Arc::new(Parts { design, design_text, forward, pixels, linearised: OnceLock::new() }) })
+        Ok(Self::of(design, design_text, forward, pixels))
     }
 
     /// The same skin with one pixel per mesh cell in place of the design's pixels.
@@ -97,7 +99,12 @@ impl Skin {
         let Parts { design, design_text, forward, .. } = &*self.parts;
         let pixels = Arc::new(PixelSpace::cells(forward.mesh(), design.body.surface()));
         let (design, design_text, forward) = (design.clone(), design_text.clone(), forward.clone());
-        Skin { parts: Arc::new(Parts { design, design_text, forward, pixels, linearised: OnceLock::new() }) }
+        Self::of(design, design_text, forward, pixels)
+    }
+
+    fn of(design: SkinDesign, design_text: Option<String>, forward: ForwardModel, pixels: Arc<PixelSpace>) -> Self {
+        let (untouched, linearised) = Default::default();
+        Skin { parts: Arc::new(Parts { design, design_text, forward, pixels, untouched, linearised }) }
     }
 
     /// The design.
@@ -123,6 +130,18 @@ impl Skin {
     /// The pixels of its images.
     pub fn pixels(&self) -> &Arc<PixelSpace> {
         &self.parts.pixels
+    }
+
+    /// The untouched frame of the model, ohm, with its signs. Computed in the first call.
+    ///
+    /// # Errors
+    /// A forward problem that cannot be solved.
+    pub fn untouched(&self) -> Result<&Frame> {
+        if let Some(untouched) = self.parts.untouched.get() {
+            return Ok(untouched);
+        }
+        let untouched = self.forward().solve(self.forward().rest_conductivity())?;
+        Ok(self.parts.untouched.get_or_init(|| untouched))
     }
 
     /// The forward model linearised about the untouched skin. Computed in the first call (one Jacobian).

@@ -1,6 +1,6 @@
 // Tare, threshold, method, record, pause; and the force of the pointer on an emulated skin.
 
-import { bytes, whole } from "./format";
+import { bytes, minutes, whole } from "./format";
 import { part, say, show } from "./dom";
 import type { Command, SceneMessage, StatusMessage } from "./types";
 
@@ -18,7 +18,9 @@ export class Controls {
   private readonly thresholdValue = part("threshold-value");
   private readonly force = part<HTMLInputElement>("force");
   private readonly forceValue = part("force-value");
+  private readonly seek = part<HTMLInputElement>("seek");
   private thresholdTouched = -Infinity;
+  private seekTouched = -Infinity;
   private methodTouched = -Infinity;
 
   constructor(private readonly send: (command: Command) => boolean) {
@@ -28,6 +30,12 @@ export class Controls {
     this.method.addEventListener("change", () => {
       this.methodTouched = performance.now();
       this.send({ do: "method", name: this.method.value });
+    });
+    this.seek.addEventListener("input", () => (this.seekTouched = performance.now()));
+    // Once, where the slider is left.
+    this.seek.addEventListener("change", () => {
+      this.seekTouched = performance.now();
+      this.send({ do: "seek", part: Number(this.seek.value) });
     });
     this.threshold.addEventListener("input", () => {
       this.thresholdTouched = performance.now();
@@ -45,7 +53,7 @@ export class Controls {
   }
 
   enable(connected: boolean): void {
-    for (const control of [this.tare, this.pause, this.record, this.method, this.threshold]) control.disabled = !connected;
+    for (const control of [this.seek, this.tare, this.pause, this.record, this.method, this.threshold]) control.disabled = !connected;
   }
 
   setScene(scene: SceneMessage): void {
@@ -58,6 +66,7 @@ export class Controls {
     toggle(this.pause, status.paused, "Resume", "Pause");
     toggle(this.record, status.recording !== null, "Stop", "Record");
     this.sayRecording(status);
+    this.sayPlayback(status, now);
     if (now - this.methodTouched > PENDING_MS && this.method.value !== status.method) this.method.value = status.method;
     say(this.methodNote, status.method_note ?? "");
     show(this.methodNote, status.method_note !== null);
@@ -65,6 +74,14 @@ export class Controls {
       this.threshold.value = `${Math.log2(status.threshold)}`;
       this.sayThreshold();
     }
+  }
+
+  private sayPlayback({ playback }: StatusMessage, now: number): void {
+    show(part("seek-control"), !!playback);
+    if (!playback) return;
+    say(part("seek-value"), minutes(playback.time_s));
+    this.seek.setAttribute("aria-valuetext", minutes(playback.time_s));
+    if (now - this.seekTouched > PENDING_MS) this.seek.value = `${playback.part}`;
   }
 
   /** The slider is logarithmic: a quarter to four times the method's default. */

@@ -14,6 +14,12 @@ export function fixed(value: number | null | undefined, places: number, unit = "
   return value === null || value === undefined || !Number.isFinite(value) ? "–" : `${value.toFixed(places)}${unit && ` ${unit}`}`;
 }
 
+/** A time as minutes and seconds: 1:05. */
+export function minutes(seconds: number): string {
+  const whole = Math.max(0, Math.floor(seconds));
+  return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
+}
+
 /** Strength is relative change of conductance times area, in mm². */
 export function strengthMm2(strength: number): number {
   return strength * 1e6;

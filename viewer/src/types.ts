@@ -108,6 +108,7 @@ export interface StatusMessage {
   method: string;
   method_note: string | null;
   paused: boolean;
+  playback?: { time_s: number; part: number } | null;
   recording: Recording | null;
   guide?: GuideStatus | null;
   threshold: number;
@@ -174,6 +175,7 @@ export type Command =
   | { do: "method"; name: string }
   | { do: "record"; on: boolean }
   | { do: "pause"; on: boolean }
+  | { do: "seek"; part: number }
   | { do: "press"; finger: number; position_m: Vec3; force_n: number }
   | { do: "release"; finger: number }
   | { do: "guide"; action: "skip" | "redo" | "finish" };

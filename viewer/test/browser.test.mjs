@@ -291,6 +291,14 @@ withPage("controls send their commands and show what the server answers", {}, as
   await until("live", async () => (await page.textContent("#link")) === "live" && !(await page.isVisible("#banner")));
 });
 
+withPage("a recording that is played has a place, which a slider moves", { server: { playback: { time_s: 65, part: 0.5 } } }, async (page, server) => {
+  await until("the place", async () => (await page.textContent("#seek-value")) === "1:05");
+  assert.equal(await page.inputValue("#seek"), "0.5");
+  await page.focus("#seek");
+  await page.keyboard.press("Home");
+  await until("the command", () => JSON.stringify(server.commands.at(-1) ?? {}).startsWith('{"do":"seek","part":0,'));
+});
+
 withPage("a refused command is shown, and the control returns to its value", { server: { refuses: "laplace" } }, async (page) => {
   await page.selectOption("#method", "laplace");
   await until("the refusal", () => page.isVisible("#refusal"));

@@ -60,6 +60,7 @@ export async function startServer(options = {}) {
     method_note: null,
     paused: state.paused,
     guide: options.guide ?? null,
+    playback: options.playback ?? null,
     recording: state.recording && { path: "touch.mcap", frames: sequence, bytes: 7000 * sequence, problem: null },
     threshold: state.threshold,
     rate_hz: rate + 0.4 * Math.sin(sequence),
@@ -79,6 +80,7 @@ export async function startServer(options = {}) {
     } else if (command.do === "release") setTimeout(() => fingers.delete(command.finger), DELAY_MS);
     else if (command.do === "threshold") state.threshold = command.value;
     else if (command.do === "guide" && options.guide) return;
+    else if (command.do === "seek") return;
     else if (command.do === "pause") state.paused = command.on;
     else if (command.do === "record") state.recording = command.on ? {} : null;
     else if (command.do === "tare") messages.push({ level: "info", text: "tared over 100 frames", at_s: Date.now() / 1000 });

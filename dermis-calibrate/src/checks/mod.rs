@@ -11,7 +11,7 @@
 //!
 //! let skin = Skin::load("tank16")?;
 //! // An instrument that reads V[m + 1] - V[m], as pyEIT does, where the design says V[m] - V[m + 1].
-//! let model = skin.forward().solve(skin.forward().rest_conductivity())?;
+//! let model = skin.untouched()?;
 //! let untouched = vec![Frame(model.iter().map(|value| -value).collect())];
 //! let label_frame = LabelFrame::Skin;
 //! let recording = Recording { frames: &untouched, untouched: &untouched, positions_m: None, label_frame };

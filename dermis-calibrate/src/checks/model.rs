@@ -49,7 +49,7 @@ impl ModelChannels {
         let touches = weights * jacobian;
         let correlation = correlations(&standardised(&compressed(&touches)));
         // The linear model of an instrument of amplitudes has no signs; the forward model has.
-        let signed = skin.forward().solve(skin.forward().rest_conductivity())?;
+        let signed = skin.untouched()?;
         let signs = signed.iter().zip(&linearised.rest_frame).map(|(a, b)| if a * b < 0.0 { -1.0 } else { 1.0 });
         Ok(ModelChannels {
             untouched: linearised.rest_frame.clone(),

@@ -12,6 +12,7 @@ use clap::{ArgGroup, Args};
 use dermis::finding::FindingKind;
 use dermis::frame::Frame;
 use dermis::geom::Point3;
+use dermis::method::Methods;
 use dermis::skin::Skin;
 use dermis_calibrate::checks::{Recording, check_recording};
 use dermis_calibrate::{
@@ -51,7 +52,7 @@ pub struct Arguments {
     /// Also use the frames after the last label, without their positions. Helps with fewer than 300 labels.
     #[arg(long)]
     unlabelled: bool,
-    /// What to calibrate: forward-map learns the skin from the presses alone; the name or folder of a method (best,
+    /// What to calibrate: forward-map learns the skin from the presses alone; the name or folder of a method (spots,
     /// noser) corrects the positions and forces of that method. Corrections need positions on the skin [default: whichever
     /// locates the labels better, of the forward map and the default method of the skin; with --suggest: forward-map]
     #[arg(long, value_name = "METHOD")]
@@ -126,7 +127,7 @@ impl Arguments {
 
     /// What is calibrated: with `--suggest` a forward map.
     fn method(&self) -> Outcome<Option<&str>> {
-        match (self.suggest, self.method.as_deref()) {
+        match (self.suggest, self.method.as_deref().filter(|name| !Methods::is_default(name))) {
             (None, method) => Ok(method),
             (Some(_), None | Some(Fitted::FORWARD_MAP)) => Ok(Some(Fitted::FORWARD_MAP)),
             (Some(_), Some(method)) => {

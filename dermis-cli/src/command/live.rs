@@ -2,7 +2,7 @@
 
 use crate::build_watch::check_first_frames;
 use crate::channels::LeaveOutElectrodes;
-use crate::console::{notice_line, on_interrupt};
+use crate::console::{note, on_interrupt};
 use crate::failure::{Failure, Outcome, check_folder};
 use crate::latency;
 use crate::method::METHOD_HELP;
@@ -257,7 +257,7 @@ impl Arguments {
             }
             Some((_, Some(("tcp", address)))) => {
                 let (bound, thread) = jsonl::serve_lines(shared, address)?;
-                eprintln!("lines of JSON are at tcp:{bound}");
+                note(&format!("lines of JSON are at tcp:{bound}"));
                 sinks.threads.push(thread);
             }
             Some((other, _)) => {
@@ -283,8 +283,8 @@ impl Arguments {
             match mailbox.take(Duration::from_millis(100)) {
                 Popped::Item(Event::Frame(frame)) => statistics.add(&frame),
                 Popped::Item(Event::Stale(frame)) => statistics.show_state(&frame),
-                Popped::Item(Event::Notice(notice)) => line.print(&notice_line(notice.level, &notice.text)),
-                Popped::Item(Event::Lost(why)) => line.print(&notice_line(Severity::Error, &why)),
+                Popped::Item(Event::Notice(notice)) => line.notice(notice.level, &notice.text),
+                Popped::Item(Event::Lost(why)) => line.notice(Severity::Error, &why),
                 Popped::Item(Event::Connected(_)) => is_connected = true,
                 Popped::Item(_) | Popped::TimedOut => {}
                 Popped::Closed => break,
@@ -331,7 +331,7 @@ impl Arguments {
         if let Some(problem) = ended.problem {
             return Err(Failure::given(format!("the recording ended early: {problem}"), None));
         }
-        eprintln!("{}", summary(&path, &ended));
+        note(&summary(&path, &ended));
         Ok(failure)
     }
 }

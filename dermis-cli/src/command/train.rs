@@ -37,7 +37,7 @@ pub struct Arguments {
     /// Network and training preset.
     #[arg(long, value_enum, default_value_t = NetworkName::Paper)]
     network: NetworkName,
-    /// Ablation: remove a component of the best network; may be given more than once.
+    /// Ablation: remove a component of the network spots; may be given more than once.
     #[arg(long, value_enum, value_name = "COMPONENT")]
     without: Vec<AblationName>,
     /// Digital twin whose noise is added: the path of a file, or a shipped name.
@@ -71,13 +71,13 @@ enum NetworkName {
     /// Alternative reading of the paper: batch normalisation before four of the five dense layers.
     PaperNormFirst,
     /// A linear layer refined by convolutions, trained with domain randomization.
-    Best,
+    Spots,
     /// For uncalibrated instruments: input normalised by the size of the frame, strong domain randomization instead of
     /// a twin's noise.
     Shapes,
 }
 
-/// A component of the best network.
+/// A component of the network spots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum AblationName {
     /// Averaging of reciprocal channels.
@@ -130,9 +130,9 @@ impl Arguments {
 
     /// The training that the arguments describe.
     pub fn options(&self) -> Outcome<TrainingRunOptions> {
-        if !self.without.is_empty() && self.network != NetworkName::Best {
-            let message = "--without removes components of the best network, which other networks do not have";
-            return Err(Failure::given(message, Some("add `--network best`")));
+        if !self.without.is_empty() && self.network != NetworkName::Spots {
+            let message = "--without removes components of the network spots, which other networks do not have";
+            return Err(Failure::given(message, Some("add `--network spots`")));
         }
         Ok(TrainingRunOptions {
             design: self.design.clone(),
@@ -144,7 +144,7 @@ impl Arguments {
             network: match self.network {
                 NetworkName::Paper => NetworkPreset::Paper,
                 NetworkName::PaperNormFirst => NetworkPreset::PaperNormFirst,
-                NetworkName::Best => NetworkPreset::Best(self.without.iter().map(|name| name.ablation()).collect()),
+                NetworkName::Spots => NetworkPreset::Spots(self.without.iter().map(|name| name.ablation()).collect()),
                 NetworkName::Shapes => NetworkPreset::Shapes,
             },
             noise: self.noise.clone(),

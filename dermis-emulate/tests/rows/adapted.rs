@@ -21,7 +21,7 @@ fn contacts(frames: &[PipelineFrame]) -> Vec<String> {
 
 #[test]
 fn frames_are_processed_without_it_until_it_is_ready() {
-    let (mut plain, mut bench) = (bench("best"), bench(Methods::REFINED));
+    let (mut plain, mut bench) = (bench("spots"), bench(Methods::REFINED));
     assert!(bench.pipeline.wants_rebuild() && !plain.pipeline.wants_rebuild());
     let [without, before] = [&mut plain, &mut bench].map(|bench| until(bench, 2.0));
     assert_eq!(contacts(&without), contacts(&before));

@@ -62,5 +62,5 @@ fn drift_under_a_touch_leaves_no_contact() {
 #[test]
 #[ignore = "slow: 54 runs of 13 minutes of device time"]
 fn drift_of_all_sizes_under_a_touch_leaves_no_contact() {
-    table(&[0.0, 0.01, 0.02, 0.03, 0.05, 0.1, -0.03, -0.05, -0.1], &["refined", "best", "noser"], 2);
+    table(&[0.0, 0.01, 0.02, 0.03, 0.05, 0.1, -0.03, -0.05, -0.1], &["refined", "spots", "noser"], 2);
 }

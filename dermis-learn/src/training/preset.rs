@@ -13,7 +13,7 @@ use dermis::image::PixelSpace;
 use dermis::protocol::Protocol;
 use dermis_sim::dataset::Dataset;
 
-/// Number of image channels at the input of the best network's convolutions, and of their outputs.
+/// Number of image channels at the input of the network `spots`'s convolutions, and of their outputs.
 const CHANNELS: [usize; 6] = [4, 16, 16, 16, 16, 1];
 /// Standard deviation of the Gaussians in its target, m: a pixel of the paper's skin.
 const TOUCH_WIDTH_M: f64 = 0.010;
@@ -34,7 +34,7 @@ const PAPER_NOISE_FACTOR: f64 = 100.0;
 /// The same in images of touches.
 const TOUCH_NOISE_FACTOR: f64 = 50.0;
 
-/// Parts of the best network that the paper's network does not have, to be removed one by one in an ablation study.
+/// Parts of the network `spots` that the paper's network does not have, to be removed one by one in an ablation study.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ablation {
     /// Reciprocal readings are averaged; without it each is an input.
@@ -118,12 +118,12 @@ impl TrainingPreset {
     /// Our network: reciprocal readings averaged, a linear layer to four images, convolutions with periodic columns;
     /// touches as the target; noise from half to four times the measured level, drift of coating and contacts; all
     /// symmetries of the skin. If the pixels do not fill a rectangle, dense layers replace the convolutions.
-    pub fn best(design: &SkinDesign, protocol: &Protocol, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Self {
-        Self::best_without(&[], design, protocol, pixels, noise_ohm)
+    pub fn spots(design: &SkinDesign, protocol: &Protocol, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Self {
+        Self::spots_without(&[], design, protocol, pixels, noise_ohm)
     }
 
     /// The same without some of its parts.
-    pub fn best_without(
+    pub fn spots_without(
         without: &[Ablation],
         design: &SkinDesign,
         protocol: &Protocol,
@@ -153,7 +153,7 @@ impl TrainingPreset {
             false => Noise::white(noise_ohm),
         };
         TrainingPreset {
-            name: "best",
+            name: "spots",
             architecture,
             input,
             target,

@@ -31,8 +31,8 @@ pub enum NetworkPreset {
     Paper,
     /// [`TrainingPreset::paper_norm_first`].
     PaperNormFirst,
-    /// [`TrainingPreset::best_without`] some components.
-    Best(Vec<Ablation>),
+    /// [`TrainingPreset::spots_without`] some components.
+    Spots(Vec<Ablation>),
     /// [`TrainingPreset::shapes`], which has no noise of a twin.
     Shapes,
 }
@@ -99,7 +99,7 @@ impl Default for TrainingRunOptions {
 /// ```no_run
 /// use dermis_learn::{NetworkPreset, TrainingRun, TrainingRunOptions};
 ///
-/// let network = NetworkPreset::Best(Vec::new());
+/// let network = NetworkPreset::Spots(Vec::new());
 /// let run = TrainingRun::new(TrainingRunOptions { network, epochs: Some(10), ..TrainingRunOptions::default() })?;
 /// let mut trainer = run.training().trainer()?;
 /// while !trainer.is_done() {
@@ -155,7 +155,7 @@ impl TrainingRunOptions {
         let mut preset = match &self.network {
             NetworkPreset::Paper => TrainingPreset::paper(protocol, pixels, noise()?),
             NetworkPreset::PaperNormFirst => TrainingPreset::paper_norm_first(protocol, pixels, noise()?),
-            NetworkPreset::Best(without) => TrainingPreset::best_without(without, design, protocol, pixels, noise()?),
+            NetworkPreset::Spots(without) => TrainingPreset::spots_without(without, design, protocol, pixels, noise()?),
             NetworkPreset::Shapes => TrainingPreset::shapes(protocol, pixels),
         };
         let options = &mut preset.options;

@@ -308,7 +308,7 @@ mod tests {
         let recipe = Recipe { seed: 1, samples: 16, touch, skins: Skins::Even };
         let source = Streamed::new(Generator::new(&design, &forward, &recipe).unwrap(), 16);
         let noise_ohm = vec![1e-3; forward.protocol().channel_count()];
-        let preset = TrainingPreset::best(&design, forward.protocol(), &pixels, noise_ohm);
+        let preset = TrainingPreset::spots(&design, forward.protocol(), &pixels, noise_ohm);
         assert!(preset.noise.contact_drift > 0.0);
         let samples = Samples::new(source, &forward, &pixels, &preset).unwrap();
         samples.source().prepare(&[3]).unwrap();

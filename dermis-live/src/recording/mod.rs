@@ -9,6 +9,7 @@ mod event;
 #[cfg(feature = "convert")]
 mod npz;
 mod parts;
+mod playback;
 mod read;
 mod recover;
 mod replay;
@@ -22,6 +23,7 @@ mod write;
 pub use convert::{Converted, convert};
 pub use event::Event;
 pub use parts::RecordingLimits;
+pub(crate) use playback::Playback;
 pub use read::{Recorded, Recording};
 pub use recover::{RecoveryReport, recover, recover_into};
 pub use replay::{Player, Replay, Replayed};

@@ -82,6 +82,11 @@ impl Recording {
         Ok(Recording { joined: session.clone(), session, messages, first })
     }
 
+    /// The part of the file that has been read.
+    pub(super) fn part_read(&self) -> f64 {
+        self.messages.walk.part_read()
+    }
+
     /// Whether the file is complete; known after all of it was read.
     pub fn is_whole(&self) -> bool {
         self.messages.walk.end() == Some(End::Whole)

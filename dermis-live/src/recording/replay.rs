@@ -5,7 +5,7 @@
 use crate::LiveError;
 use crate::clock;
 use crate::device::{DeviceFacts, IncomingFrame, RowMessage, Stream};
-use crate::recording::{Event, RecordError, Recorded, Recording, Session};
+use crate::recording::{Event, Playback, RecordError, Recorded, Recording, Session};
 use crate::runtime::LiveFrame;
 use crate::runtime::{Event as LiveEvent, LiveHandle, WorkItem, process};
 use dermis::design::SkinDesign;
@@ -139,12 +139,20 @@ fn unreadable(path: &Path, what: &str, why: impl std::fmt::Display) -> LiveError
 /// The name in this run of a network that the recording refers to by `name`, identified by its card.
 fn network(path: &Path, session: &Session, methods: &MethodSet, name: &str) -> Result<String, LiveError> {
     let Some(recorded) = &session.model_card_json else { return Ok(name.into()) };
-    // As values: the text of a number or the order of fields is no difference.
-    let value = |card: &str| serde_json::from_str::<serde_json::Value>(card).ok();
+    // As values: the text of a number or the order of fields is no difference; nor is another name of the same network.
+    let value = |card: &str| -> Option<serde_json::Value> {
+        let mut card: serde_json::Value = serde_json::from_str(card).ok()?;
+        card.as_object_mut()?.remove("name");
+        Some(card)
+    };
     let card = value(recorded);
     let is_it = |method: &Method| card.is_some() && method.card().and_then(value) == card;
-    if methods.method(name).is_ok_and(is_it) {
+    if methods.method(name).is_ok_and(|method| method.name() == name && is_it(method)) {
         return Ok(name.into());
+    }
+    let others = methods.names().filter(|other| *other != Methods::REFINED);
+    if let Some(renamed) = others.flat_map(|other| methods.method(other)).find(|method| is_it(method)) {
+        return Ok(renamed.name().into());
     }
     match methods.extra() {
         Some(own) if is_it(own) => Ok(own.name().into()),
@@ -242,6 +250,7 @@ pub struct Player {
     facts: DeviceFacts,
     state: State,
     speed: f64,
+    playback: Arc<Playback>,
 }
 
 impl std::fmt::Debug for Player {
@@ -250,7 +259,7 @@ impl std::fmt::Debug for Player {
     }
 }
 
-/// Longest sleep of a player before it checks whether it was stopped.
+/// Longest sleep of a player before it checks what is requested.
 const LONGEST_SLEEP: Duration = Duration::from_millis(20);
 
 impl Player {
@@ -280,7 +289,7 @@ impl Player {
             )));
         }
         let (reader, facts, state) = RecordingReader::new(path, recording, Arc::clone(methods))?;
-        Ok(Player { reader, facts, state, speed })
+        Ok(Player { reader, facts, state, speed, playback: Arc::default() })
     }
 
     /// The state of the pipeline at the start of the recording.
@@ -293,13 +302,58 @@ impl Player {
         &self.facts
     }
 
+    /// Its place in the recording.
+    pub(crate) fn playback(&self) -> &Arc<Playback> {
+        &self.playback
+    }
+
+    /// Reads the recording from its start again, with its state.
+    fn begin_again(&mut self, shared: &LiveHandle) -> Result<(), LiveError> {
+        let (path, methods) = (&self.reader.path, Arc::clone(&self.reader.methods));
+        let (reader, facts, state) = RecordingReader::new(path, Recording::open(path)?, methods)?;
+        self.reader = reader;
+        shared.connected(facts);
+        shared.await_room();
+        shared.queue(WorkItem::Restart(Box::new(state)));
+        Ok(())
+    }
+
+    /// Goes to a requested place: the frames before it are played without pauses. Returns whether one is still to come.
+    fn seek(&mut self, pace: &mut Pace, was: &mut Option<f64>, shared: &LiveHandle) -> Result<bool, LiveError> {
+        let wanted = self.playback.wanted();
+        let Some(part) = wanted else { return Ok(false) };
+        let here = self.reader.recording.part_read();
+        if wanted != *was && part < here {
+            self.begin_again(shared)?;
+        } else if here >= part {
+            self.playback.reached(part);
+        }
+        *was = wanted;
+        pace.begun = None;
+        Ok(self.playback.wanted().is_some())
+    }
+
     /// Plays until the end, or until it is stopped.
     pub(crate) fn play(mut self, shared: &LiveHandle) {
         let mut pace = Pace { speed: self.speed, begun: None };
+        let mut was = None;
         while !shared.is_stopped() {
-            let text = match self.reader.next() {
+            let next = match self.seek(&mut pace, &mut was, shared) {
+                Ok(false) if self.playback.is_paused() => {
+                    std::thread::sleep(LONGEST_SLEEP);
+                    pace.begun = None;
+                    continue;
+                }
+                Ok(_) => self.reader.next(),
+                Err(error) => Err(error),
+            };
+            let text = match next {
                 Ok(Some(item)) => {
-                    feed(item, &mut pace, shared);
+                    if let RecordedItem::Frame(frame) = &item {
+                        self.playback.at(frame.input.measured_at, self.reader.recording.part_read());
+                    }
+                    let pace = Some(&mut pace).filter(|_| self.playback.wanted().is_none());
+                    feed(item, pace, shared);
                     continue;
                 }
                 Ok(None) => None,
@@ -318,8 +372,8 @@ impl Player {
     }
 }
 
-/// Passes an item to the pipeline when it is due.
-fn feed(item: RecordedItem, pace: &mut Pace, shared: &LiveHandle) {
+/// Passes an item to the pipeline when it is due, or at once without a pace.
+fn feed(item: RecordedItem, pace: Option<&mut Pace>, shared: &LiveHandle) {
     match item {
         RecordedItem::Command(command) => {
             shared.await_room();
@@ -336,7 +390,9 @@ fn feed(item: RecordedItem, pace: &mut Pace, shared: &LiveHandle) {
             shared.connected(facts);
         }
         RecordedItem::Frame(mut incoming) => {
-            pace.wait(incoming.input.measured_at, shared);
+            if let Some(pace) = pace {
+                pace.wait(incoming.input.measured_at, shared);
+            }
             // Unlike a device, a file can wait: no frame is dropped.
             shared.await_room();
             incoming.received_at = clock::now();

@@ -107,6 +107,14 @@ impl<R: Read> Walk<R> {
         self.chunk_at
     }
 
+    /// The part of the file before the last item.
+    pub(super) fn part_read(&self) -> f64 {
+        // Of a chunk, as far as its records are read.
+        let in_chunk = self.in_chunk as f64 / self.chunk.len().max(1) as f64;
+        let size = self.source.at().saturating_sub(self.chunk_at) as f64;
+        (self.chunk_at as f64 + in_chunk * size) / (self.source.at() + self.source.left()).max(1) as f64
+    }
+
     /// How the file ended, after the last item.
     pub(super) fn end(&self) -> Option<End> {
         self.end

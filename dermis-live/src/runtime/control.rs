@@ -37,10 +37,15 @@ pub(crate) enum Request {
         /// Begin.
         on: bool,
     },
-    /// Stop or continue the frames of this page.
+    /// Stop or continue the frames of this page; those of all pages where a recording is played.
     Pause {
         /// Begin.
         on: bool,
+    },
+    /// Go to another place of the recording that is played.
+    Seek {
+        /// The part of the file before it.
+        part: f64,
     },
     /// Press the emulated skin.
     Press {
@@ -192,7 +197,7 @@ impl Control {
     /// Refuses commands that come faster than people give them: each takes time that frames need.
     fn check_rate(&self, request: &Request) -> Result<(), LiveError> {
         let limit = match request {
-            Request::Method { .. } | Request::Record { .. } => 0,
+            Request::Method { .. } | Request::Record { .. } | Request::Seek { .. } => 0,
             Request::Tare {} | Request::Threshold { .. } | Request::Guide { .. } => 1,
             Request::Pause { .. } | Request::Press { .. } | Request::Release { .. } => return Ok(()),
         };
@@ -230,13 +235,29 @@ impl Control {
             Request::Release { finger } => self.release(*finger),
             Request::Record { on: true } => self.record(&self.new_recording()?)?,
             Request::Record { on: false } => drop(self.end_recording()),
-            Request::Pause { .. } => {}
+            Request::Pause { on } => self.shared.playback().into_iter().for_each(|playback| playback.pause(*on)),
+            Request::Seek { part } => self.seek(*part)?,
             Request::Guide { action } => match &self.guide {
                 Some(guide) => guide.request(*action),
                 None => return Err(LiveError::Given("this is no guided session".into())),
             },
         }
         Ok(())
+    }
+
+    fn seek(&self, part: f64) -> Result<(), LiveError> {
+        let refused = |why: &str| Err(LiveError::Given(why.into()));
+        match self.shared.playback() {
+            None => refused("only a recording that is played has another place to go to"),
+            Some(_) if !(0.0..=1.0).contains(&part) => {
+                refused("a place in a recording is from 0, its start, to 1, its end")
+            }
+            Some(_) if self.lock().is_some() => refused("end the recording first: its frames must follow each other"),
+            Some(playback) => {
+                playback.seek(part);
+                Ok(())
+            }
+        }
     }
 
     fn press(&self, finger: u32, position_m: Point3, force_n: f64) -> Result<(), LiveError> {
@@ -281,7 +302,7 @@ impl ClientSession {
         let mut request: Request =
             serde_json::from_str(text).map_err(|error| format!("this message is no command: {error}"))?;
         match &mut request {
-            Request::Pause { on } => self.paused = *on,
+            Request::Pause { on } => self.paused = *on && self.control.shared.playback().is_none(),
             Request::Press { finger, .. } => *finger = self.finger(*finger)?,
             Request::Release { finger } => match self.fingers.remove(finger) {
                 Some(own) => *finger = own,

@@ -3,6 +3,7 @@
 use crate::LiveError;
 use crate::clock;
 use crate::device::{DeviceFacts, IncomingFrame};
+use crate::recording::Playback;
 use crate::runtime::notice_limit::NoticeLimit;
 use crate::runtime::{Event, Mailbox, Popped, lock};
 use dermis::method::MethodSet;
@@ -45,6 +46,8 @@ pub struct LiveHandle {
     method: Mutex<String>,
     failure: Mutex<Option<LiveError>>,
     state_requested: AtomicBool,
+    /// The place in the recording that is played in place of a device.
+    playback: Option<Arc<Playback>>,
     begun: AtomicBool,
     stopped: AtomicBool,
     /// No more events will come.
@@ -64,10 +67,12 @@ pub(crate) enum WorkItem {
     Frame(Box<IncomingFrame>),
     /// A command of a recording, between the same frames as in the recording.
     Command(Command),
+    /// A recording begins again, with its state.
+    Restart(Box<State>),
 }
 
 impl LiveHandle {
-    pub(super) fn new(pipeline: &Pipeline) -> Arc<Self> {
+    pub(super) fn new(pipeline: &Pipeline, playback: Option<Arc<Playback>>) -> Arc<Self> {
         Arc::new(LiveHandle {
             methods: Arc::clone(pipeline.methods()),
             work: Mailbox::new(MAX_WAITING),
@@ -84,10 +89,16 @@ impl LiveHandle {
             method: Mutex::new(pipeline.method().name().into()),
             failure: Mutex::default(),
             state_requested: AtomicBool::new(false),
+            playback,
             begun: AtomicBool::new(false),
             stopped: AtomicBool::new(false),
             ended: AtomicBool::new(false),
         })
+    }
+
+    /// The place in the recording that is played in place of a device.
+    pub(crate) fn playback(&self) -> Option<&Playback> {
+        self.playback.as_deref()
     }
 
     /// Queues an item for the pipeline's thread.

@@ -128,7 +128,7 @@ impl Live {
             Err(LiveError::Absent { .. }) if options.waits => None,
             opened => Some(opened?),
         };
-        let shared = LiveHandle::new(&pipeline);
+        let shared = LiveHandle::new(&pipeline, None);
         // Standard input may be a file, whose frames wait for each other.
         let kind = if options.address.is_patient() { Input::Stream } else { Input::Device };
         let thread = DeviceThread::new(Arc::clone(&shared), options.address, options.device);
@@ -142,7 +142,7 @@ impl Live {
     /// An unknown method, a state of another skin.
     pub fn play(methods: Arc<MethodSet>, player: Player) -> Result<Self, LiveError> {
         let pipeline = Pipeline::resume(methods, player.state().clone())?;
-        let shared = LiveHandle::new(&pipeline);
+        let shared = LiveHandle::new(&pipeline, Some(Arc::clone(player.playback())));
         shared.connected(player.facts().clone());
         let handle = Arc::clone(&shared);
         let play = move || {

@@ -2,10 +2,11 @@
 
 use crate::clock;
 use crate::device::IncomingFrame;
+use crate::recording::Playback;
 use crate::runtime::frame::StaleWatch;
 use crate::runtime::notice_limit::NoticeLimit;
 use crate::runtime::{Event, Input, LiveFrame, LiveHandle, POLL, Popped, WorkItem};
-use dermis::pipeline::{Command, DriftFit, Notice, Pipeline, PipelineError, RebuiltMethod, Severity};
+use dermis::pipeline::{Command, DriftFit, Notice, Pipeline, PipelineError, RebuiltMethod, Severity, State};
 use dermis::text::counted;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -80,6 +81,7 @@ impl PipelineThread {
                     self.process(newest);
                 }
                 Popped::Item(WorkItem::Command(command)) => self.carry_out(command),
+                Popped::Item(WorkItem::Restart(state)) => self.restart(*state),
                 Popped::TimedOut => {}
                 Popped::Closed => break,
             }
@@ -98,6 +100,7 @@ impl PipelineThread {
             match self.shared.take_work(Duration::ZERO) {
                 Popped::Item(WorkItem::Frame(newer)) => (frame, skipped) = (*newer, skipped + 1),
                 Popped::Item(WorkItem::Command(command)) => self.carry_out(command),
+                Popped::Item(WorkItem::Restart(state)) => self.restart(*state),
                 Popped::TimedOut | Popped::Closed => break,
             }
         }
@@ -132,8 +135,22 @@ impl PipelineThread {
         }
     }
 
-    /// Reports that frames have stopped.
+    /// Begins again with the state of a recording.
+    fn restart(&mut self, state: State) {
+        match Pipeline::resume(Arc::clone(self.shared.methods()), state) {
+            Ok(pipeline) => {
+                (self.pipeline, self.rebuilds, self.rebuilding, self.fitting) = (pipeline, false, None, None);
+                self.shared.set_state(&self.pipeline);
+            }
+            Err(error) => self.shared.notice(Severity::Error, error.to_string()),
+        }
+    }
+
+    /// Reports that frames have stopped, unless people have stopped them.
     fn report_stale(&mut self) {
+        if self.shared.playback().is_some_and(Playback::is_paused) {
+            return;
+        }
         if let Some((frame, is_first)) = self.stale.check() {
             if is_first {
                 self.tells_end = self.gaps.passes(Instant::now());

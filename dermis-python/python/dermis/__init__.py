@@ -4,7 +4,7 @@
 >>> skin = dermis.Skin.load("cylinder30")
 >>> untouched = skin.forward()                                   # (870,), ohm
 >>> touched = skin.touched_conductivity([0.0, 0.05, 0.15])       # (cells,), S
->>> contacts = skin.method("best").contacts(skin.forward(touched), untouched)
+>>> contacts = skin.method("spots").contacts(skin.forward(touched), untouched)
 >>> contacts.position_m.round(2)
 array([[0.  , 0.05, 0.15]])
 """

@@ -252,7 +252,7 @@ class Method:
 
     @property
     def name(self) -> str:
-        """The name by which it is selected: `noser`, `best`, `./my-model`."""
+        """The name by which it is selected: `noser`, `spots`, `./my-model`."""
 
     @property
     def label(self) -> str:

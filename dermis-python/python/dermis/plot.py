@@ -1,4 +1,4 @@
-"""Matplotlib pictures, unrolled, with the colours of the program's pictures.
+"""Matplotlib pictures, as the program draws them: the skin unrolled, or in space where its body has no plane picture.
 
 >>> import dermis, matplotlib
 >>> matplotlib.use("Agg")
@@ -24,23 +24,27 @@ __all__ = ["cells", "flat", "image", "positions"]
 
 
 def flat(skin: Skin, points: ArrayLike) -> NDArray[np.float64]:
-    """Coordinates of points in pictures, (n, 2), mm: arc length and z on a cylinder, else x and y.
+    """Coordinates of points in pictures, mm.
 
     Args:
         skin: A `dermis.Skin`.
         points: (n, 3), m.
+
+    Returns:
+        (n, 2): arc length from theta = 0 and z on a cylinder, the two axes of a flat skin; (n, 3) on other bodies.
     """
     points = np.asarray(points, dtype=float).reshape(-1, 3)
-    radius = _radius(skin)
-    if radius is None:
-        return 1e3 * points[:, :2]
-    return 1e3 * np.stack([radius * np.arctan2(points[:, 1], points[:, 0]), points[:, 2]], axis=1)
+    radius, plane = _radius(skin), _plane(skin)
+    if radius is not None:
+        arc = radius * (np.arctan2(points[:, 1], points[:, 0]) % (2 * np.pi))
+        return 1e3 * np.stack([arc, points[:, 2]], axis=1)
+    return 1e3 * (points if plane is None else points[:, plane])
 
 
 def cells(
     skin: Skin, values: ArrayLike, axes: "Axes | None" = None, *, label: str = "", diverging: bool = False
 ) -> "Axes":
-    """A value per cell of the mesh. Cells across the cut of a cylinder are left out.
+    """A value per cell of the mesh. Cells across the cut of a cylinder, at theta = 0, are left out.
 
     Args:
         skin: A `dermis.Skin` of triangles.
@@ -52,9 +56,16 @@ def cells(
     Returns:
         The axes.
     """
-    axes = _axes(axes)
+    axes = _axes(skin, axes)
     corners = flat(skin, skin.mesh.nodes)[skin.mesh.cells]
     values = np.asarray(values, dtype=float)
+    if corners.shape[-1] == 3:
+        from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+        drawn = Poly3DCollection(corners[:, :3])
+        _coloured(drawn, values, diverging)
+        axes.add_collection3d(drawn)
+        return _finished(skin, axes, drawn, label)
     radius = _radius(skin)
     shown = np.ones(len(corners), dtype=bool)
     if radius is not None:
@@ -80,9 +91,12 @@ def image(
     Returns:
         The axes.
     """
-    axes = _axes(axes)
+    axes = _axes(skin, axes)
     values = np.asarray(values, dtype=float)
     places, inside = flat(skin, skin.pixels), values[np.isfinite(values)]
+    if places.shape[1] == 3:
+        drawn = axes.scatter(*places.T, c=inside, **_colours(inside, diverging))
+        return _finished(skin, axes, drawn, label)
     if values.ndim == 1:
         drawn = axes.tripcolor(*places.T, inside, **_colours(inside, diverging))
         return _finished(skin, axes, drawn, label)
@@ -124,12 +138,25 @@ def _radius(skin):
     return radii.mean() if is_cylinder else None
 
 
-def _axes(axes):
+def _plane(skin):
+    """The two axes of a flat skin; None for a body that is not flat."""
+    extents = np.ptp(skin.mesh.nodes, axis=0)
+    thin = extents.argmin()
+    is_flat = skin.mesh.cells.shape[1] == 3 and extents[thin] < 1e-9 * extents.max()
+    return np.delete(range(3), thin) if is_flat else None
+
+
+def _is_in_space(skin):
+    return _radius(skin) is None and _plane(skin) is None
+
+
+def _axes(skin, axes):
     if axes is not None:
         return axes
     from matplotlib import pyplot
 
-    return pyplot.subplots(layout="constrained")[1]
+    projection = "3d" if _is_in_space(skin) else None
+    return pyplot.subplots(layout="constrained", subplot_kw={"projection": projection})[1]
 
 
 def _colours(values, diverging):
@@ -140,10 +167,29 @@ def _colours(values, diverging):
     return {"cmap": "RdBu_r", "vmin": -extent, "vmax": extent}
 
 
+def _coloured(drawn, values, diverging):
+    """Colours a collection that has no argument for it."""
+    colours = _colours(values, diverging)
+    drawn.set_array(values)
+    drawn.set_cmap(colours["cmap"])
+    drawn.set_clim(colours.get("vmin", values.min()), colours.get("vmax", values.max()))
+
+
 def _finished(skin, axes, drawn, label):
+    """The electrodes with their numbers, the colour bar, the axes."""
     axes.figure.colorbar(drawn, ax=axes, label=label)
     axes.set_aspect("equal")
-    names = ("x (mm)", "y (mm)") if _radius(skin) is None else ("arc length (mm)", "z (mm)")
-    axes.set_xlabel(names[0])
-    axes.set_ylabel(names[1])
+    places = flat(skin, skin.electrodes)
+    axes.scatter(*places.T, s=16, c="white", edgecolors="black", zorder=4)
+    for number, place in enumerate(places):
+        if places.shape[1] == 3:
+            axes.text(*place, f" {number}", fontsize=7, zorder=5)
+        else:
+            axes.annotate(str(number), place, (3, 3), textcoords="offset points", fontsize=7, zorder=5)
+    if _radius(skin) is not None:
+        names = ["arc length (mm)", "z (mm)"]
+    else:
+        plane = _plane(skin)
+        names = [f"{axis} (mm)" for axis in np.array(["x", "y", "z"])[slice(None) if plane is None else plane]]
+    axes.set(**dict(zip(["xlabel", "ylabel", "zlabel"], names)))
     return axes

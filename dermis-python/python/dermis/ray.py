@@ -191,7 +191,7 @@ def sweep(
         design: A shipped name, or the path of a design file that all nodes see.
         output: The folder, shared by all nodes: `best` (the best model), `models`, and the state of the sweep.
         space: Options of `dermis train` by name, with underscores for hyphens: a value, or a distribution of Tune
-            (`ray.tune.grid_search(["paper", "best"])`). Recipes are `stream`, datasets `data`.
+            (`ray.tune.grid_search(["paper", "spots"])`). Recipes are `stream`, datasets `data`.
         trials: Number of draws from the distributions; each with every combination of the grids.
         seed: Seed of the draws.
         benchmark: Options of `dermis benchmark`. With it, the score is the mean localisation error of its random presses over all

@@ -125,7 +125,7 @@ def test_electrode_positions_are_improved_by_frames_of_another_mesh():
     assert after < 0.5 * before
 
 
-@pytest.mark.parametrize(("name", "design"), [("best", "cylinder30"), ("paper", "cylinder30"), ("shapes", "skin16")])
+@pytest.mark.parametrize(("name", "design"), [("spots", "cylinder30"), ("paper", "cylinder30"), ("shapes", "skin16")])
 def test_networks_make_the_images_of_the_program(name, design, tmp_path):
     skin = dermis.Skin.load(design)
     rng = np.random.default_rng(1)

@@ -89,7 +89,7 @@ def test_the_papers_recipe_has_the_loss_curve_of_the_program(tmp_path):
         assert sum(frame.is_usable for frame in itertools.islice(live, 300)) > 50
 
 
-@pytest.mark.parametrize("network", ["best", "shapes"])
+@pytest.mark.parametrize("network", ["spots", "shapes"])
 def test_noise_drift_and_symmetries_are_those_of_the_program(network, small, tmp_path):
     program, pytorch = curves(*small, tmp_path, network=network, epochs=3)
     assert_same_curves(program, pytorch)
@@ -98,7 +98,7 @@ def test_noise_drift_and_symmetries_are_those_of_the_program(network, small, tmp
 
 def test_an_interrupted_training_continues_with_the_same_losses(small, tmp_path):
     design, data = small
-    options = {"data": data, "network": "best", "device": "cpu", "epochs": 3}
+    options = {"data": data, "network": "spots", "device": "cpu", "epochs": 3}
     whole = train(design, tmp_path / "whole", **options)
 
     def interrupt(epoch):
@@ -124,7 +124,7 @@ def test_an_interrupted_training_continues_with_the_same_losses(small, tmp_path)
 
 
 def test_a_stream_has_new_samples_in_every_epoch(small, tmp_path):
-    options = {"stream": "gaussian", "epoch_samples": 1800, "epochs": 2, "network": "best"}
+    options = {"stream": "gaussian", "epoch_samples": 1800, "epochs": 2, "network": "spots"}
     network = train(small[0], tmp_path / "torch", device="cpu", **options)
     program = dermis.command("train", small[0], output=tmp_path / "program", **options)
     pytorch = losses(network.card["training"]["epochs"])

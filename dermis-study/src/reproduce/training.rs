@@ -108,7 +108,7 @@ pub(super) fn steps(design: &str, twin: &str, work: &Path) -> Result<Vec<Step>> 
     let (epochs, samples) = (BEST_EPOCHS.to_string(), BEST_EPOCH_SAMPLES.to_string());
     let more = ["--half", "--epochs", &epochs, "--epoch-samples", &samples];
     let data = PRESSES.map(|data| data.name);
-    all.push(train("best", &more, &data));
+    all.push(train("spots", &more, &data));
     Ok(all)
 }
 

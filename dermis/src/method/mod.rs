@@ -142,7 +142,7 @@ impl Method {
         Ok(Method { name, label, reconstruct: Arc::new(refined), one_step: None, ..self })
     }
 
-    /// The name by which it is selected: `noser`, `best`, `./my-model`.
+    /// The name by which it is selected: `noser`, `spots`, `./my-model`.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -158,7 +158,7 @@ impl Method {
         if is_linear { Ok(()) } else { Err(MethodError::option(self.label(), message)) }
     }
 
-    /// Its display name: "one-step NOSER", "shipped network `best`".
+    /// Its display name: "one-step NOSER", "shipped network `spots`".
     pub fn label(&self) -> &str {
         &self.label
     }
@@ -313,6 +313,8 @@ pub struct Methods {
 impl Methods {
     /// The name of the best other method of a skin with its contacts [refined](Refined).
     pub const REFINED: &'static str = "refined";
+    /// Another name of the [default](Self::default_name) method of a skin.
+    pub const BEST: &'static str = "best";
     /// The names of the linear methods, which are available for every skin.
     pub const LINEAR: [&str; 6] = linear::NAMES;
 
@@ -371,13 +373,18 @@ impl Methods {
         Ok(self.names(skin)?.swap_remove(0))
     }
 
+    /// Whether a name asks for the default method.
+    pub fn is_default(name: &str) -> bool {
+        name.is_empty() || name == Self::BEST
+    }
+
     /// Prepares a method for a skin. `name` is one of [`names`](Self::names), the path of a network's folder
-    /// (`./my-model`), or empty for the [default](Self::default_name).
+    /// (`./my-model`), or empty or [`BEST`](Self::BEST) for the [default](Self::default_name).
     ///
     /// # Errors
     /// An unknown name, options that the method does not have, a method that does not fit the skin.
     pub fn method(&self, skin: &Skin, name: &str, options: &MethodOptions) -> Result<Method, MethodError> {
-        if name.is_empty() {
+        if Self::is_default(name) {
             return self.method(skin, &self.default_name(skin)?, options);
         }
         if name == Self::REFINED {

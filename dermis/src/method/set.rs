@@ -45,8 +45,9 @@ impl MethodSet {
         let is_own = |name: &str| name == Methods::REFINED || Methods::LINEAR.contains(&name);
         let is_ready = |name: &&String| **name == default_name || !is_own(name) || READY.contains(&name.as_str());
         let mut names: Vec<String> = known.iter().filter(is_ready).cloned().collect();
-        let extra =
-            extra.filter(|extra| !extra.is_empty() && !names.iter().any(|name| name == extra)).map(str::to_string);
+        let extra = extra
+            .filter(|extra| !Methods::is_default(extra) && !names.iter().any(|name| name == extra))
+            .map(str::to_string);
         names.extend(extra.clone());
         let methods_of = |name| Prepared { name, method: OnceLock::new() };
         let set = MethodSet {
@@ -99,12 +100,12 @@ impl MethodSet {
         self.methods.iter().find(|one| one.name == name)?.method.get()
     }
 
-    /// The method with this name; the default one for an empty name.
+    /// The method with this name; the default one for an empty name or [`Methods::BEST`].
     ///
     /// # Errors
     /// An unknown name; the error lists the available ones. A method that cannot be prepared.
     pub fn method(&self, name: &str) -> Result<&Method, MethodError> {
-        let name = if name.is_empty() { &self.default_name } else { name };
+        let name = if Methods::is_default(name) { &self.default_name } else { name };
         let one = self.methods.iter().find(|one| one.name == name).ok_or_else(|| MethodError::Unknown {
             name: name.into(),
             skin: self.skin.design().name.clone(),

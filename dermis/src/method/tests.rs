@@ -20,6 +20,7 @@ fn every_linear_method_reconstructs_and_knows_its_name() {
         assert!(image.values.iter().all(|value| value.abs() < 1e-9), "{name}: no change gives no image");
     }
     assert_eq!(methods.default_name(&skin).unwrap(), "noser");
+    assert_eq!(methods.method(&skin, Methods::BEST, &MethodOptions::default()).unwrap().name(), "noser");
 }
 
 #[test]
@@ -28,9 +29,9 @@ fn names_and_options_that_do_not_fit_are_refused_in_words() {
     let error = |name: &str, options: MethodOptions| {
         Methods::linear().method(&skin, name, &options).expect_err("refused").to_string()
     };
-    let unknown = error("best", MethodOptions::default());
-    assert!(unknown.contains("no method `best` for the skin `tank16`: give one of noser, laplace"), "{unknown}");
-    assert!(unknown.contains("./best"), "{unknown}");
+    let unknown = error("unknown", MethodOptions::default());
+    assert!(unknown.contains("no method `unknown` for the skin `tank16`: give one of noser, laplace"), "{unknown}");
+    assert!(unknown.contains("./unknown"), "{unknown}");
     let excluded = error("noser", MethodOptions { excluded: vec![208], ..MethodOptions::default() });
     assert!(excluded.contains("channel 208") && excluded.contains("0 to 207"), "{excluded}");
     let rule = error("tv", MethodOptions { alpha: Alpha::Gcv, ..MethodOptions::default() });
@@ -59,6 +60,7 @@ fn a_set_has_the_default_and_the_method_that_is_asked_for() {
     let set = MethodSet::new(&Methods::linear(), skin(), Some("greit")).unwrap();
     assert_eq!(set.names().collect::<Vec<_>>(), ["noser", "laplace", "greit"]);
     assert_eq!((set.method("").unwrap().name(), set.extra().unwrap().name()), ("noser", "greit"));
+    assert_eq!(set.method(Methods::BEST).unwrap().name(), "noser");
     assert!(set.method("tv").unwrap_err().to_string().contains("noser, laplace, greit"));
 }
 

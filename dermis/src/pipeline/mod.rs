@@ -163,6 +163,7 @@ impl Pipeline {
         state.restore(&topology);
         state.check(&topology, fitter.modes().rows)?;
         let method = state.settings.method_of(&methods, &state.settings.method)?.clone();
+        state.settings.method = method.name().into();
         let masked = match &state.phase {
             Phase::Reading(reading) => reading.marks(&topology).confirmed,
             Phase::Taring { .. } => vec![false; topology.channel_count()],
@@ -301,7 +302,7 @@ impl Pipeline {
             Command::Method { name } => {
                 self.method = self.state.settings.method_of(&self.methods, name)?.clone();
                 self.forget_preparation();
-                self.state.settings.method.clone_from(name);
+                self.state.settings.method = self.method.name().into();
                 self.measure_noise()?;
             }
             Command::Rebuild => drop(self.install_method(self.rebuild_job().run()?)),

@@ -80,14 +80,14 @@ pub(super) fn judge(
     is_forced: bool,
 ) -> crate::Result<Result<Tared, (Refusal, Vec<Measurement>)>> {
     let protocol = &skin.design().protocol;
-    let model = skin.forward().solve(skin.forward().rest_conductivity())?;
+    let model = skin.untouched()?;
     let values: Vec<&[f64]> = frames.iter().map(|frame| frame.values_ohm.as_slice()).collect();
     let median: Vec<f64> = (0..model.len())
         .map(|channel| upper_median(&values.iter().map(|values| values[channel]).collect::<Vec<f64>>()).unwrap_or(0.0))
         .collect();
     let median = Frame(median);
     // Broken channels are found by their own checks: they hardly count in the comparison.
-    let found = Plausibility::new(protocol, &model, left_out).of_baseline(&median);
+    let found = Plausibility::new(protocol, model, left_out).of_baseline(&median);
     match found.as_ref().filter(|found| found.is_fault()) {
         Some(found) if !is_forced || found.kind == FindingKind::Dead => {
             return Ok(Err((Refusal::Unlike(Box::new(found.clone())), frames)));

@@ -1,6 +1,7 @@
 //! The data for pages: prepared once for all of them, on a separate thread.
 
 use crate::clock;
+use crate::recording::Playback;
 use crate::runtime::Control;
 use crate::runtime::Event;
 use crate::runtime::LiveFrame;
@@ -209,7 +210,8 @@ impl Hub {
             "source": self.control.source(),
             "method": method,
             "method_note": method_note(*masked_channels, shared.methods().method(&method).ok()),
-            "paused": false,
+            "paused": shared.playback().is_some_and(Playback::is_paused),
+            "playback": shared.playback().map(Playback::status),
             "recording": self.control.recording(),
             "guide": self.control.guide().map(|guide| guide.status()),
             "threshold": state.threshold,

@@ -123,7 +123,9 @@ impl Page {
     /// The status with the data of this page.
     fn status(&self, status: &Value) -> Message {
         let mut status = status.clone();
-        status["paused"] = self.paused.into();
+        if self.paused {
+            status["paused"] = true.into();
+        }
         status["counts"]["skipped"] = self.skipped.into();
         Message::text(status.to_string())
     }

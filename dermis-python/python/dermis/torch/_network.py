@@ -79,7 +79,7 @@ class Network(nn.Module):
 
     @classmethod
     def load(cls, name_or_folder: str | os.PathLike[str]) -> Self:
-        """A shipped network (`best`, `paper`, `shapes`), or the one in a folder.
+        """A shipped network (`spots`, `paper`, `shapes`), or the one in a folder.
 
         Raises:
             DermisError: An unknown name, a folder that is no model, tensors of another shape.
