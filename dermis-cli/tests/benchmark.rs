@@ -34,6 +34,18 @@ fn one_twin_is_assessed_alike_every_time() {
 }
 
 #[test]
+fn bodies_from_mesh_files_are_assessed() {
+    let at = Workplace::new();
+    at.plates();
+    let told = at.json("benchmark obj.toml --quick --twins 1 --method noser --json");
+    let bound = &told["bound"];
+    assert!(bound.is_object() && bound["two_resolved"] == serde_json::json!([]), "{bound}");
+    let few = at.refused("characterise obj.toml --method noser --samples 64");
+    assert!(few.contains("ask for more --samples"), "{few}");
+    at.good("experiment obj.toml --presses 8 --sets random --seed 1 -o shots");
+}
+
+#[test]
 fn what_cannot_be_assessed_is_refused() {
     let at = Workplace::new();
     assert!(at.refused("benchmark disk.toml --quick --twins 1 --dead 8").contains("8 dead electrodes leave none of 8"));

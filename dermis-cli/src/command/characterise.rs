@@ -6,11 +6,12 @@ use crate::method::MethodArguments;
 use crate::range::{count, number, seed};
 use crate::skin;
 use clap::Args;
+use dermis::design::SkinDesign;
 use dermis::detect::Forces;
 use dermis::frame::{Differences, write_whole};
 use dermis::text::counted;
 use dermis_plot::report::Table;
-use dermis_sim::dataset::{PatchTouches, Recipe, SkinSpread, Skins, Touch};
+use dermis_sim::dataset::{Recipe, SkinSpread, Skins, Touch};
 use dermis_sim::evaluate::{Characteristics, characterise};
 use serde_json::json;
 use std::path::PathBuf;
@@ -22,7 +23,8 @@ pub struct Arguments {
     design: String,
     #[command(flatten)]
     method: MethodArguments,
-    /// Recipe of the touches and skins (TOML); may be given more than once. Default: presses on patches, with a careful
+    /// Recipe of the touches and skins (TOML); may be given more than once. Default: presses on patches (Gaussian touches
+    /// on a body from a mesh file), with a careful
     /// workshop's tolerances.
     #[arg(long, value_name = "FILE")]
     recipe: Vec<PathBuf>,
@@ -58,7 +60,7 @@ impl Arguments {
         if let Some(fraction) = self.peak_fraction {
             detection.peak_fraction = fraction;
         }
-        let recipes = self.recipes()?;
+        let recipes = self.recipes(skin.design())?;
         let progress = Progress::new("simulating touches", self.samples as usize * recipes.len());
         let found = characterise(&skin, &method, detection, &recipes, || progress.step())?;
         drop(progress);
@@ -74,9 +76,9 @@ impl Arguments {
         print(&format!("{}\n\n{}\n", found.method, summary(&found).to_text()))
     }
 
-    fn recipes(&self) -> Outcome<Vec<Recipe>> {
+    fn recipes(&self, design: &SkinDesign) -> Outcome<Vec<Recipe>> {
         if self.recipe.is_empty() {
-            let (touch, skins) = (Touch::Patch(PatchTouches::usual()), Skins::Random(SkinSpread::usual()));
+            let (touch, skins) = (Touch::for_design(design), Skins::Random(SkinSpread::for_design(design)));
             return Ok(vec![Recipe { seed: self.seed, samples: self.samples, touch, skins }]);
         }
         let load = |path: &PathBuf| Ok(Recipe::load(path, self.seed, self.samples)?);

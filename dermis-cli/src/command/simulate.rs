@@ -176,7 +176,7 @@ impl Arguments {
         let design = SkinDesign::load(name)?;
         let recipe = match &self.recipe {
             Some(path) => Recipe::load(path, seed, samples)?,
-            None => Recipe { seed, samples, touch: self.touch(&design)?, skins: self.skins()? },
+            None => Recipe { seed, samples, touch: self.touch(&design)?, skins: self.skins(&design)? },
         };
         let shard = self.shard.map_or(Shard::WHOLE, |choice| choice.0);
         let progress = OnceLock::new();
@@ -228,7 +228,7 @@ impl Arguments {
         }
     }
 
-    fn skins(&self) -> Outcome<Skins> {
+    fn skins(&self, design: &SkinDesign) -> Outcome<Skins> {
         let given = [self.coat_rms, self.electrode_displacement_m, self.contact_impedance_rms];
         match self.skins {
             SkinsName::Uniform if given.iter().any(Option::is_some) => {
@@ -237,7 +237,7 @@ impl Arguments {
             }
             SkinsName::Uniform => Ok(Skins::Even),
             SkinsName::Random => {
-                let mut spread = SkinSpread::usual();
+                let mut spread = SkinSpread::for_design(design);
                 let [coat, displacement, contact] = given;
                 spread.coat.rms = coat.unwrap_or(spread.coat.rms);
                 let electrodes = &mut spread.electrodes;

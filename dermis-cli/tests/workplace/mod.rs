@@ -73,6 +73,47 @@ impl Workplace {
         Some(at)
     }
 
+    /// A plate of 0.1 m in each format of a surface, and the designs with these bodies.
+    pub fn plates(&self) {
+        const SIDE: usize = 9;
+        let points: Vec<[f64; 3]> =
+            (0..SIDE * SIDE).map(|k| [0.0125 * (k % SIDE) as f64, 0.0125 * (k / SIDE) as f64, 0.0]).collect();
+        let corners = (0..SIDE * (SIDE - 1)).filter(|k| k % SIDE + 1 < SIDE);
+        let triangles: Vec<[usize; 3]> =
+            corners.flat_map(|k| [[k, k + 1, k + SIDE], [k + 1, k + 1 + SIDE, k + SIDE]]).collect();
+        let (mut obj, mut stl) = (String::new(), "solid plate\n".to_string());
+        let mut ply = format!(
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\nelement face {}\n\
+             property list uchar int vertex_indices\nend_header\n",
+            points.len(),
+            triangles.len()
+        );
+        for [x, y, z] in &points {
+            obj += &format!("v {x} {y} {z}\n");
+            ply += &format!("{x} {y} {z}\n");
+        }
+        for triangle @ [a, b, c] in &triangles {
+            obj += &format!("f {} {} {}\n", a + 1, b + 1, c + 1);
+            ply += &format!("3 {a} {b} {c}\n");
+            let corners =
+                triangle.map(|k| format!("vertex {} {} {}\n", points[k][0], points[k][1], points[k][2])).concat();
+            stl += &format!("facet normal 0 0 1\nouter loop\n{corners}endloop\nendfacet\n");
+        }
+        self.write("plate.obj", obj);
+        self.write("plate.ply", ply);
+        self.write("plate.stl", stl + "endsolid plate\n");
+        let design = std::fs::read_to_string(self.path("disk.toml")).unwrap();
+        let design = design[..design.find("[image.grid]").unwrap()].replace("contact_impedance_ohm_m = 0.01\n", "");
+        let points = "layout.positions = [{ x_m = 0.01, y_m = 0.01, z_m = 0 }, { x_m = 0.06, y_m = 0.01, z_m = 0 }, \
+                      { x_m = 0.01, y_m = 0.06, z_m = 0 }, { x_m = 0.04, y_m = 0.04, z_m = 0 }]";
+        let design =
+            design.replace("layout.rim.count = 8", points).replace("shape.arc.length_m = 0.005", "shape = \"point\"");
+        for format in ["obj", "ply", "stl"] {
+            let body = format!("[body.mesh]\npath = \"plate.{format}\"\nunit_m = 1.0");
+            self.write(&format!("{format}.toml"), design.replace("[body.disk]\ndiameter_m = 0.1", &body));
+        }
+    }
+
     pub fn folder(&self) -> &Path {
         self.folder.path()
     }

@@ -182,7 +182,7 @@ impl TrainingRunOptions {
                 return Ok(Recipe::load(recipe, seed, samples)?);
             }
             let touch = Touch::Gaussian(GaussianTouches::for_effect(design.sheet.touch));
-            Ok(Recipe { seed, samples, touch, skins: Skins::Random(SkinSpread::usual()) })
+            Ok(Recipe { seed, samples, touch, skins: Skins::Random(SkinSpread::for_design(design)) })
         };
         let seed = 2 * self.seed.unwrap_or_default();
         let training = recipe(seed, self.epoch_samples.unwrap_or(STREAMED))?;

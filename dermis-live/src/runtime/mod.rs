@@ -244,7 +244,7 @@ mod tests {
     #[test]
     fn repeated_messages_of_a_device_are_counted_not_shown() {
         const SENT: u64 = 30_000;
-        let shared = LiveHandle::new(&pipeline());
+        let shared = LiveHandle::new(&pipeline(), None);
         let mailbox = shared.subscribe(1 << 16);
         let begun = std::time::Instant::now();
         for number in 0..SENT {
@@ -271,7 +271,7 @@ mod tests {
     #[test]
     fn a_thread_that_panics_ends_the_skin() {
         let pipeline = pipeline();
-        let shared = LiveHandle::new(&pipeline);
+        let shared = LiveHandle::new(&pipeline, None);
         let handle = Arc::clone(&shared);
         let source = move || {
             handle.await_begin();

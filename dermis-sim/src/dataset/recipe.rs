@@ -2,7 +2,7 @@
 
 use crate::dataset::DatasetError;
 use crate::twin::{CoatOptions, ElectrodeOptions, FORCES_N, PatchOptions, TIP_RADII_M, TouchOptions, TwinOptions};
-use dermis::design::TouchEffect;
+use dermis::design::{SkinDesign, TouchEffect};
 use dermis::files::{MAX_SETTINGS_BYTES, read_text_at_most};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -61,6 +61,15 @@ impl SkinSpread {
         }
     }
 
+    /// The [usual](Self::usual) values for a design: electrodes on a body from a mesh file are not moved.
+    pub fn for_design(design: &SkinDesign) -> Self {
+        let mut spread = Self::usual();
+        if design.body.chart().is_none() {
+            spread.electrodes.displacement_rms_m = 0.0;
+        }
+        spread
+    }
+
     fn check(&self) -> Result<(), DatasetError> {
         for (what, [fewest, most]) in
             [("the rows of patches", self.patch_rows), ("the columns of patches", self.patch_columns)]
@@ -112,6 +121,18 @@ pub struct PatchTouches {
     /// Presses next to each other; by default all positions are independent, and presses are rarely near each other.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub together: Option<Together>,
+}
+
+impl Touch {
+    /// The usual touches of a design: presses on patches where they have rows and columns and raise the conductance, or else
+    /// Gaussian ones.
+    pub fn for_design(design: &SkinDesign) -> Self {
+        let effect = design.sheet.touch;
+        match design.body.chart() {
+            Some(_) if effect == TouchEffect::ConductanceRises => Touch::Patch(PatchTouches::usual()),
+            _ => Touch::Gaussian(GaussianTouches::for_effect(effect)),
+        }
+    }
 }
 
 impl PatchTouches {
