@@ -93,7 +93,7 @@ impl Calibration {
         Ok(py.import("json")?.call_method1("loads", (text.map_err(Failure::given)?,))?)
     }
 
-    /// Locates the press of each frame: a dict of arrays.
+    #[doc = stub_doc!(Calibration.locate)]
     #[pyo3(signature = (frames, baseline=None, *, first=0))]
     fn locate<'py>(
         &self,

@@ -2,6 +2,11 @@
 //!
 //! The Python package `dermis` (folder `python/`) names what users see; its stub file documents shapes and units.
 
+#[macro_use]
+mod stub_docs {
+    include!(concat!(env!("OUT_DIR"), "/docs.rs"));
+}
+
 mod arrays;
 mod calibration;
 mod command;

@@ -101,7 +101,7 @@ impl Method {
         self.method.alpha()
     }
 
-    /// Images of frames: (n, rows, columns) with NaN outside the body, or (n, cells).
+    #[doc = stub_doc!(Method.images)]
     #[pyo3(signature = (frames, baseline=None, *, force=false))]
     fn images<'py>(
         &self,
@@ -121,7 +121,7 @@ impl Method {
         arrays::rows(py, images, &shape, is_single)
     }
 
-    /// Images as an `xarray.DataArray` with the positions of the pixels.
+    #[doc = stub_doc!(Method.to_xarray)]
     #[pyo3(signature = (frames, baseline=None))]
     fn to_xarray<'py>(
         slf: &Bound<'py, Self>,
@@ -131,7 +131,7 @@ impl Method {
         slf.py().import("dermis._exchange")?.call_method1("to_xarray", (slf, frames, baseline))
     }
 
-    /// The contacts in frames.
+    #[doc = stub_doc!(Method.contacts)]
     #[pyo3(signature = (frames, baseline=None, *, both_signs=false, force=false))]
     fn contacts<'py>(
         &self,
@@ -154,7 +154,7 @@ impl Method {
         contacts::table(py, &found)
     }
 
-    /// The score of the contacts in frames against true touches.
+    #[doc = stub_doc!(Method.score)]
     #[pyo3(signature = (frames, truth, baseline=None, *, force=false))]
     fn score<'py>(
         &self,

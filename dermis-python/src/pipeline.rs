@@ -104,7 +104,7 @@ impl Frame {
     }
 }
 
-/// The pipeline of a live skin, for frames of one's own: baseline, drift, faults, tracked contacts.
+#[doc = stub_doc!(Pipeline)]
 #[pyclass(frozen, module = "dermis")]
 pub struct Pipeline {
     feed: Mutex<Feed>,
@@ -152,7 +152,7 @@ impl Pipeline {
         Ok(Pipeline { feed, skin: skin.get().skin().clone() })
     }
 
-    /// Processes the next frame, (channels,), ohm.
+    #[doc = stub_doc!(Pipeline.process)]
     #[pyo3(signature = (frame, time_s=None))]
     fn process(&self, py: Python<'_>, frame: &Bound<'_, PyAny>, time_s: Option<f64>) -> Outcome<Frame> {
         let rows = Rows::of(frame, "frame", self.skin.design().protocol.channel_count())?;
@@ -191,7 +191,7 @@ impl Pipeline {
     }
 }
 
-/// A skin that is being read: an iterator over frames. As a context manager it stops at the end of the block.
+#[doc = stub_doc!(Live)]
 #[pyclass(frozen, module = "dermis")]
 pub struct Live {
     skin: skin::Skin,
@@ -375,7 +375,7 @@ fn emulator(skin: &skin::Skin, twin: &str, seed: u64, touch: &str, speed: f64) -
     Ok(Emulator::new(skin.design(), options)?)
 }
 
-/// A recording whose contacts are computed again: an iterator over frames.
+#[doc = stub_doc!(Replay)]
 #[pyclass(frozen, module = "dermis")]
 pub struct Replay {
     replay: Mutex<recording::Replay>,

@@ -52,7 +52,7 @@ impl Dataset {
         usize::try_from(self.dataset.len()).map_err(Failure::given)
     }
 
-    /// The samples with some indices.
+    #[doc = stub_doc!(Dataset.batch)]
     fn batch<'py>(&self, py: Python<'py>, indices: &Bound<'py, PyAny>) -> Outcome<Bound<'py, PyDict>> {
         let count = indices.len()?;
         let indices = arrays::indices(indices, "indices", count)?;

@@ -74,12 +74,12 @@ impl Simulation {
         self.record.recipe.samples
     }
 
-    /// Starts the dataset in a folder, or checks what it holds; the numbers of the missing files.
+    #[doc = stub_doc!(Simulation.begin)]
     fn begin(&self, py: Python<'_>, folder: PathBuf) -> Outcome<Vec<u64>> {
         Ok(self.prepare(py, &folder, Shard::WHOLE)?.missing_files().collect())
     }
 
-    /// Generates the missing files of a shard; the number of generated samples.
+    #[doc = stub_doc!(Simulation.run)]
     #[pyo3(signature = (folder, shard=(0, 1), *, threads=None, wait=false))]
     fn run(
         &self,
@@ -131,7 +131,7 @@ fn threads_of(count: usize) -> Outcome<ThreadPool> {
     ThreadPoolBuilder::new().num_threads(count).build().map_err(Failure::given)
 }
 
-/// Checks every bit of a folder's files and writes its manifest, as `dermis simulate --finish`; the dataset.
+#[doc = stub_doc!(finish_dataset)]
 #[pyfunction]
 pub fn finish_dataset(py: Python<'_>, folder: PathBuf) -> Outcome<Dataset> {
     let count = Record::read(&folder)?.file_count() as usize;

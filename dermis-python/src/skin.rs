@@ -120,7 +120,7 @@ fn recipe_text(recipe: &Bound<'_, PyAny>) -> Outcome<(String, PathBuf)> {
 
 #[pymethods]
 impl Skin {
-    /// Prepares the skin of a design: a shipped name, the path of a design file, or a dict with its keys.
+    #[doc = stub_doc!(Skin.load)]
     #[staticmethod]
     fn load(py: Python<'_>, design: &Bound<'_, PyAny>) -> Outcome<Self> {
         if let Ok(design) = design.cast::<PyDict>() {
@@ -211,7 +211,7 @@ impl Skin {
         Ok(dermis_learn::methods().names(&self.skin)?)
     }
 
-    /// Frames of conductivities, ohm: (cells,) to (channels,), or (n, cells) to (n, channels).
+    #[doc = stub_doc!(Skin.forward)]
     #[pyo3(signature = (conductivity=None))]
     fn forward<'py>(&self, py: Python<'py>, conductivity: Option<&Bound<'py, PyAny>>) -> Outcome<Bound<'py, PyAny>> {
         let (cells, channels, forward) = (self.cell_count(), self.channel_count(), self.skin.forward());
@@ -231,7 +231,7 @@ impl Skin {
         arrays::rows(py, frames, &[channels], is_single)
     }
 
-    /// Frames of conductivities that can be differentiated.
+    #[doc = stub_doc!(Skin.solve)]
     #[pyo3(signature = (conductivity, *, contact_impedance=None, nodes=None))]
     fn solve(
         &self,
@@ -249,7 +249,7 @@ impl Skin {
         PyArray1::from_slice(py, self.skin.forward().contact_impedances()).into_any()
     }
 
-    /// The Jacobian of a frame with respect to conductivity, (channels, pixels) or (channels, cells).
+    #[doc = stub_doc!(Skin.jacobian)]
     #[pyo3(signature = (conductivity=None, *, per="pixel"))]
     fn jacobian<'py>(
         &self,
@@ -277,7 +277,7 @@ impl Skin {
         Ok(shared.bind(py).clone())
     }
 
-    /// The conductivity of each cell with Gaussian touches at `positions` (touches, 3), m.
+    #[doc = stub_doc!(Skin.touched_conductivity)]
     #[pyo3(signature = (positions, *, amplitude=0.5, width_m=0.008))]
     fn touched_conductivity<'py>(
         &self,
@@ -307,7 +307,7 @@ impl Skin {
         Ok(PyArray1::from_vec(py, map).into_any())
     }
 
-    /// Prepares a reconstruction method by its name, or by the path of a folder; the best one for an empty name.
+    #[doc = stub_doc!(Skin.method)]
     #[pyo3(signature = (name=None, *, alpha=None))]
     fn method(&self, py: Python<'_>, name: Option<&Bound<'_, PyAny>>, alpha: Option<f64>) -> Outcome<Method> {
         let name = method_name(py, name)?.unwrap_or_default();
@@ -321,13 +321,13 @@ impl Skin {
         Ok(Method::prepared(self.clone(), method, alpha))
     }
 
-    /// A digital twin: a shipped name (`ideal`, `lab`, `lab-b`, `lab-c`, `harsh`) or the path of a file.
+    #[doc = stub_doc!(Skin.twin)]
     #[pyo3(signature = (name=None, *, seed))]
     fn twin(&self, py: Python<'_>, name: Option<&Bound<'_, PyAny>>, seed: u64) -> Outcome<Twin> {
         Twin::of(py, self, &twin_name(py, name), seed)
     }
 
-    /// The paper's indentation experiment on a twin: sets of presses by name.
+    #[doc = stub_doc!(Skin.experiment)]
     #[pyo3(signature = (name=None, *, seed))]
     fn experiment<'py>(
         &self,
@@ -338,7 +338,7 @@ impl Skin {
         twin::experiment(py, self, &twin_name(py, name), seed)
     }
 
-    /// Calibrates the skin with measured presses.
+    #[doc = stub_doc!(Skin.calibrate)]
     #[pyo3(signature = (frames, positions, baseline=None, *, force_n=None, rows=None, method=None, robot_frame=false))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
     fn calibrate(
@@ -362,13 +362,13 @@ impl Skin {
         Calibration::load(py, self, folder)
     }
 
-    /// Training samples of a recipe: the path of a file, or a dict with its keys.
+    #[doc = stub_doc!(Skin.samples)]
     fn samples(&self, py: Python<'_>, recipe: &Bound<'_, PyAny>, seed: u64) -> Outcome<Samples> {
         let (text, path) = recipe_text(recipe)?;
         Samples::of(py, self, &text, &path, seed)
     }
 
-    /// The generation of a dataset of a recipe's samples.
+    #[doc = stub_doc!(Skin.simulation)]
     fn simulation(&self, py: Python<'_>, recipe: &Bound<'_, PyAny>, seed: u64, samples: u64) -> Outcome<Simulation> {
         let (text, path) = recipe_text(recipe)?;
         Simulation::of(py, self, &Recipe::parse(&text, &path, seed, samples)?)

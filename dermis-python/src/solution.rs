@@ -80,7 +80,7 @@ impl Solution {
         self.frames.bind(py).clone()
     }
 
-    /// The gradients of functions of the frames, from their derivatives by channel.
+    #[doc = stub_doc!(Solution.gradient)]
     #[pyo3(signature = (by_frame, *, parameters=false))]
     fn gradient<'py>(
         &self,

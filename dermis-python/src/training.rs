@@ -23,7 +23,7 @@ const MAX_SYMMETRY_BYTES: usize = 1 << 30;
 /// A sample and its difference, ohm.
 type Read = (Sample, Vec<f32>);
 
-/// The training that arguments of `dermis train` describe.
+#[doc = stub_doc!(Training)]
 #[pyclass(frozen, module = "dermis")]
 pub struct Training {
     run: TrainingRun,
@@ -76,7 +76,7 @@ impl Training {
         PyBytes::new(py, &network.to_safetensors(Precision::Single))
     }
 
-    /// Symmetries as maps of frames and of points, drifts of the contacts, unrolled pixels.
+    #[doc = stub_doc!(Training.augmentation)]
     fn augmentation<'py>(&self, py: Python<'py>) -> Outcome<Bound<'py, PyDict>> {
         let samples = self.run.training().training();
         let channels = self.run.training().preset().noise.sd_ohm.len();
@@ -113,7 +113,7 @@ impl Training {
         PyArray1::from_iter(py, order.into_iter().map(|number| number as u64))
     }
 
-    /// Differences and targets of samples.
+    #[doc = stub_doc!(Training.batch)]
     #[pyo3(signature = (numbers, *, test = false))]
     fn batch<'py>(&self, py: Python<'py>, numbers: &Bound<'py, PyAny>, test: bool) -> Outcome<Bound<'py, PyDict>> {
         let count = numbers.len()?;

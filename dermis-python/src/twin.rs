@@ -79,7 +79,7 @@ impl Twin {
         self.record(py, &vec![Vec::new(); count], first)
     }
 
-    /// Frames of presses, (frames, channels), ohm.
+    #[doc = stub_doc!(Twin.press)]
     #[pyo3(signature = (positions, *, force_n=None, tip_radius_m=None, frame=None, first=100))]
     fn press<'py>(
         &self,
