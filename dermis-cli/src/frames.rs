@@ -184,7 +184,8 @@ impl FrameArguments {
         left_out: &[usize],
         incomplete: Incomplete,
     ) -> Outcome<(Vec<Frame>, Used)> {
-        let options = ReadOptions { left_out, keep_incomplete: incomplete == Incomplete::LeftOut, part: None };
+        let keep_incomplete = incomplete == Incomplete::LeftOut;
+        let options = ReadOptions { left_out, keep_incomplete, ..ReadOptions::default() };
         let frames = self.currents.read(&self.frames, protocol, &options)?;
         let used = Used::of(&self.frames, &frames)?;
         Ok((frames, used))
@@ -207,7 +208,7 @@ impl FrameArguments {
             return Ok(Recorded { frames: used.select(&frames), untouched: Vec::new(), paired: false, used });
         };
         let keep_incomplete = incomplete == Incomplete::LeftOut || !self.paired;
-        let options = ReadOptions { left_out, keep_incomplete, part: None };
+        let options = ReadOptions { left_out, keep_incomplete, untouched: true, ..ReadOptions::default() };
         let untouched = self.currents.read_untouched(path, protocol, &options)?;
         if untouched.is_empty() {
             return Err(Failure::given(format!("{} holds no frame", path.display()), None));

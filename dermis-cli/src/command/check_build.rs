@@ -68,7 +68,12 @@ impl Arguments {
             Some(path) => {
                 let (protocol, currents) = (&skin.design().protocol, self.currents.as_deref());
                 (
-                    self.format.read_divided(path, protocol, &ReadOptions::default(), currents)?,
+                    self.format.read_divided(
+                        path,
+                        protocol,
+                        &ReadOptions { untouched: true, ..ReadOptions::default() },
+                        currents,
+                    )?,
                     path.display().to_string(),
                 )
             }

@@ -86,7 +86,7 @@ impl Arguments {
         let skin = skin::load(&self.design)?;
         let design = skin.design();
         let left_out = self.leave_out.of(&design.protocol)?;
-        let options = ReadOptions { left_out: &left_out, keep_incomplete: true, part: None };
+        let options = ReadOptions { left_out: &left_out, keep_incomplete: true, untouched: true, part: None };
         let frames = self.format.read_divided(&self.frames, &design.protocol, &options, self.currents.as_deref())?;
         let frames = Used::of(&self.frames, &frames)?.select(&frames);
         let options = FitOptions { contacts: self.contacts.into(), left_out };

@@ -17,7 +17,8 @@ pub(super) fn frames_in_rows(table: Table, protocol: &Protocol) -> Result<Table,
     if width == channels || width == channels + 1 {
         return Ok(table);
     }
-    let joined = joined(&table, protocol);
+    let table = without_drive_numbers(table, protocol)?;
+    let joined = joined(&table, protocol)?;
     match (joined, rows == channels) {
         (Some(joined), true) => Err(format!(
             "{} of {} may be frames as columns, or {} with one drive in each row: write a frame in each row",
@@ -36,17 +37,56 @@ fn drives(protocol: &Protocol) -> Vec<&[Channel]> {
 }
 
 /// Frames from rows of one drive each, if these can be that: the measures of the protocol, or all neighbouring pairs.
-fn joined(table: &Table, protocol: &Protocol) -> Option<Table> {
+///
+/// # Errors
+/// Lines between the rows that show that rows are missing.
+fn joined(table: &Table, protocol: &Protocol) -> Result<Option<Table>, String> {
     let (drives, width) = (drives(protocol), table.rows[0].len());
     if width < 2 || drives.len() < 2 || !table.rows.len().is_multiple_of(drives.len()) {
-        return None;
+        return Ok(None);
+    }
+    let blocks: Vec<&[usize]> = table.file_rows.chunk_by(|a, b| b - a == 1).collect();
+    if blocks.iter().any(|block| block.len() == drives.len())
+        && let Some(block) = blocks.iter().find(|block| block.len() != drives.len())
+    {
+        return Err(format!(
+            "frames have {} of one drive each, but the rows {} to {}, between lines without values, are {}: mend or remove them",
+            counted(drives.len(), "row"),
+            block[0],
+            block[block.len() - 1],
+            block.len(),
+        ));
     }
     let whole = Table {
         header: None,
         rows: table.rows.chunks(drives.len()).map(<[Vec<f64>]>::concat).collect(),
         file_rows: table.file_rows.iter().copied().step_by(drives.len()).collect(),
     };
-    if drives.iter().all(|channels| channels.len() == width) { Some(whole) } else { chosen(&whole, protocol) }
+    Ok(if drives.iter().all(|channels| channels.len() == width) { Some(whole) } else { chosen(&whole, protocol) })
+}
+
+/// Rows of one drive each without a first column of the drives' numbers, which count from 0 or 1 in each frame.
+///
+/// # Errors
+/// A number that does not follow the one before.
+fn without_drive_numbers(mut table: Table, protocol: &Protocol) -> Result<Table, String> {
+    let drives = drives(protocol);
+    let has_one_more = drives.len() > 1 && drives.iter().all(|channels| channels.len() + 1 == table.rows[0].len());
+    let first = table.rows[0][0];
+    let is_number = |row: &Vec<f64>| row[0].fract() == 0.0 && (0.0..=drives.len() as f64).contains(&row[0]);
+    if !has_one_more || !(first == 0.0 || first == 1.0) || !table.rows.iter().all(is_number) {
+        return Ok(table);
+    }
+    for (index, (row, file_row)) in table.rows.iter_mut().zip(&table.file_rows).enumerate() {
+        let (number, expected) = (row.remove(0), first + (index % drives.len()) as f64);
+        if number != expected {
+            return Err(format!(
+                "row {file_row} is of the drive {number}, where {expected} follows: mend or remove the rows of its frame"
+            ));
+        }
+    }
+    table.header = None;
+    Ok(table)
 }
 
 /// A row for each column. A first column of channel numbers is dropped.

@@ -3,6 +3,7 @@
 use crate::frame::TableError;
 use crate::frame::complex::{Part, complex, without_part};
 use crate::frame::table::{MAX_VALUES, are_times};
+use crate::frame::text::{decode, has_decimal_commas, values_of};
 use std::io::Write;
 use std::path::Path;
 
@@ -15,26 +16,26 @@ pub(super) struct Rows {
 }
 
 /// Reads rows of numbers, separated by semicolons (then with decimal points or commas), by commas, by tabs, or by spaces. Empty
-/// lines, comments and a separator at the end of every row are skipped.
+/// lines, comments, dates and times of day before the values and a separator at the end of every row are skipped.
 ///
 /// The first row is a header if none of its fields is a number, if its first field is not a number and the others
 /// number the columns (0, 1, 2, ... or 1, 2, 3, ...), or if it numbers exactly `columns` columns, as pandas writes
 /// them. A byte-order mark and carriage returns are ignored. An empty field is `NaN` where `columns` are known, else an error.
 /// Of complex numbers the `part` is read; a first column of real numbers alone stays as it is.
 pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>, part: Option<Part>) -> Result<Rows, TableError> {
-    let text = std::str::from_utf8(text).map_err(|error| TableError::File {
-        path: path.to_path_buf(),
-        message: match text.starts_with(b"MATLAB ") || text.starts_with(b"\x89HDF") {
-            true => "a MATLAB file; write a table with `writematrix(frames, 'frames.csv')`".into(),
-            false => format!("not UTF-8 text (byte {}); write CSV, NPY or NPZ", error.valid_up_to()),
-        },
-    })?;
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let of_file = |message: String| TableError::File { path: path.to_path_buf(), message };
+    let text = &*decode(text).map_err(of_file)?;
     let numbered = text.lines().enumerate().map(|(index, line)| (index + 1, line.trim_end_matches([' ', '\r'])));
-    let used = numbered.filter(|(_, line)| !is_skipped(line));
-    let separator = separator(used.clone().take(2).map(|(_, line)| line));
-    check_size(text, separator).map_err(|message| TableError::File { path: path.to_path_buf(), message })?;
-    let mut lines: Vec<(usize, &str)> = used.collect();
+    let used = numbered.filter(|(_, line)| !is_skipped(line)).map(|(index, line)| (index, values_of(line)));
+    let separator = separator(used.clone().take(2).map(|(_, (_, line))| line));
+    check_size(text, separator).map_err(of_file)?;
+    // The columns of dates and times have names, but no values.
+    let columns_in = |before: &str| match separator {
+        ' ' => before.split_whitespace().count(),
+        _ => before.matches(separator).count(),
+    };
+    let without_values = used.clone().last().map_or(0, |(_, (before, _))| columns_in(before));
+    let mut lines: Vec<(usize, &str)> = used.map(|(index, (_, line))| (index, line)).collect();
     let mut header = match lines.first() {
         Some((_, line)) if is_header(line, separator, columns) => Some(lines.remove(0).1),
         _ => None,
@@ -67,8 +68,9 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>, part: Opti
             return Err(TableError::File { path: path.to_path_buf(), message: without_part(count) });
         }
     }
+    let named = |line: &str| -> Vec<String> { split(line, separator).into_iter().map(name).collect() };
     Ok(Rows {
-        header: header.map(|line| split(line, separator).into_iter().map(name).collect()),
+        header: header.map(|line| named(line).split_off(without_values.min(fields(line)))),
         rows: rows?,
         is_complex: complex_count > 0,
     })
@@ -98,7 +100,10 @@ pub(super) fn is_skipped(line: &str) -> bool {
 
 /// What separates the fields of some lines: a semicolon, a comma, a tab, or (a space) white space.
 pub(super) fn separator<'a>(lines: impl Iterator<Item = &'a str> + Clone) -> char {
-    [';', ',', '\t'].into_iter().find(|separator| lines.clone().any(|line| line.contains(*separator))).unwrap_or(' ')
+    let has_decimal_commas =
+        !lines.clone().any(|line| line.contains(';')) && lines.clone().last().is_some_and(has_decimal_commas);
+    let first = if has_decimal_commas { '\t' } else { ',' };
+    [';', first, '\t'].into_iter().find(|separator| lines.clone().any(|line| line.contains(*separator))).unwrap_or(' ')
 }
 
 /// Whether every row has a separator at its end, and not an empty last field: the row has more fields than there are columns,
@@ -157,7 +162,15 @@ pub(super) fn is_header(line: &str, separator: char, columns: Option<usize>) -> 
 
 /// The fields of a line; with a space as separator, they are separated by any white space.
 pub(super) fn split(line: &str, separator: char) -> Vec<&str> {
-    if separator == ' ' { line.split_whitespace().collect() } else { line.split(separator).collect() }
+    if separator == ' ' {
+        return line.split_whitespace().collect();
+    }
+    let mut is_quoted = false;
+    let ends = |character: char| {
+        is_quoted ^= character == '"';
+        character == separator && !is_quoted
+    };
+    line.split(ends).collect()
 }
 
 /// The name in a field of a header.
@@ -206,10 +219,7 @@ pub(super) fn numbers(line: &str, reading: Reading) -> Result<Vec<f64>, (Option<
             text => (Some(index + 1), format!("`{}` is not a number", shortened(text))),
         })
     };
-    match separator {
-        ' ' => line.split_whitespace().enumerate().map(value).collect(),
-        _ => line.split(separator).enumerate().map(value).collect(),
-    }
+    split(line, separator).into_iter().enumerate().map(value).collect()
 }
 
 /// Whether a field is a row of numbers with spaces or tabs between them.
@@ -217,10 +227,14 @@ fn holds_several_numbers(field: &str) -> bool {
     field.split_whitespace().count() > 1 && field.split_whitespace().all(|word| word.parse::<f64>().is_ok())
 }
 
-/// The number in a field. A comma is a decimal point only if the separator is a semicolon.
+/// The number in a field, without the name before a colon. A comma is a decimal point: no separator, or in quotes.
 fn number(field: &str, separator: char) -> Option<f64> {
-    let field = field.trim().trim_matches('"');
-    if separator == ';' && field.contains(',') { field.replacen(',', ".", 1).parse() } else { field.parse() }.ok()
+    let field = field.trim();
+    let plain = field.trim_matches('"');
+    let is_named = plain.starts_with(|first: char| first.is_alphabetic());
+    let plain = if is_named { plain.split_once(':').map_or(plain, |(_, value)| value.trim()) } else { plain };
+    let has_comma = plain.contains(',') && (separator != ',' || field.starts_with('"'));
+    if has_comma { plain.replacen(',', ".", 1).parse() } else { plain.parse() }.ok()
 }
 
 /// The beginning of a text, for a message.

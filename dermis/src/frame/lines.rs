@@ -1,6 +1,7 @@
 //! Frames from lines of text, one after the other, as an instrument prints them.
 
 use crate::frame::csv;
+use crate::frame::text::values_of;
 use thiserror::Error;
 
 /// Reads frames from lines of text: a row of values in each, in the order of the protocol's channels.
@@ -111,6 +112,7 @@ impl FrameLines {
         if csv::is_skipped(text) {
             return Vec::new();
         }
+        let (_, text) = values_of(text);
         let separator = csv::separator(std::iter::once(text));
         if self.skips_header(text, separator) {
             return Vec::new();

@@ -15,6 +15,7 @@ mod presses;
 mod read;
 mod reciprocity;
 mod table;
+mod text;
 mod truth;
 
 pub use broken::{broken_channels, disconnected_electrodes};

@@ -2,12 +2,15 @@
 
 use crate::frame::complex::Part;
 use crate::frame::npy::{Array, read_npy, write_npy};
+use crate::frame::read::BASELINE;
 use crate::frame::table::LARGEST_FILE;
 use std::io::{Cursor, Read, Write};
 use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
 
-/// The only array of an NPZ file, or the one called `name` if there are several.
+const FRAMES: &str = "frames.npy";
+
+/// The only array of an NPZ file, or the one called `name` if there are several; without a `baseline`, `frames`.
 pub(super) fn read_npz(bytes: &[u8], name: &str, part: Option<Part>) -> Result<Array, String> {
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| format!("not an NPZ file: {error}"))?;
     let names: Vec<String> = archive.file_names().filter_map(|name| Some(name.ok()?.into_owned())).collect();
@@ -15,6 +18,7 @@ pub(super) fn read_npz(bytes: &[u8], name: &str, part: Option<Part>) -> Result<A
     let chosen = match names.as_slice() {
         [only] => only.clone(),
         _ if names.contains(&wanted) => wanted,
+        _ if name == BASELINE && names.iter().any(|name| name == FRAMES) => FRAMES.into(),
         _ => {
             let listed: Vec<&str> = names.iter().map(|name| name.trim_end_matches(".npy")).collect();
             return Err(format!("no array `{name}` among {}: {}", names.len(), listed.join(", ")));

@@ -4,7 +4,13 @@ use crate::frame::complex::Part;
 use crate::frame::table::{file_error, read_rows, with_columns};
 use crate::frame::{Frame, Table, TableError, arrangement, names};
 use crate::protocol::Protocol;
+use std::ops::RangeInclusive;
 use std::path::Path;
+
+/// What instruments send in place of a value (SCPI-99, volume 1, section 7.2): infinity is 9.9e37, no number 9.91e37.
+const OVERLOADS: RangeInclusive<f64> = 9.89e37..=9.92e37;
+/// The name of the array of untouched frames.
+pub(super) const BASELINE: &str = "baseline";
 
 /// How a file of frames is read.
 #[derive(Debug, Clone, Copy, Default)]
@@ -14,6 +20,8 @@ pub struct ReadOptions<'a> {
     /// The part of complex values. They may also be pairs of columns: magnitude and phase, or real and imaginary part. The first
     /// of each pair is then read, and with [`Part::Imaginary`] the second.
     pub part: Option<Part>,
+    /// Whether they are of the untouched skin: of several arrays in an NPZ file the one called `baseline` is read, not `frames`.
+    pub untouched: bool,
     /// Whether frames with values that are missing, `NaN` or infinite are kept, with these values. Otherwise they are errors.
     pub keep_incomplete: bool,
 }
@@ -22,7 +30,8 @@ pub struct ReadOptions<'a> {
 ///
 /// A header, and a first column of frame numbers or times, are dropped. Frames may also be columns, a row for each channel; or
 /// have one drive in each row, so that an array is frames x drives x measures; or they have the voltages between all
-/// neighbouring electrodes for every drive, whose sum is zero, of which the protocol's channels are taken. Columns that are
+/// neighbouring electrodes for every drive, whose sum is zero, of which the protocol's channels are taken. 9.9e37 and 9.91e37, which
+/// instruments send at an overload, are no values. Columns that are
 /// named by their electrodes (`v_0_1_2_3`) or channels (`ch12`) may have any order.
 ///
 /// # Errors
@@ -46,7 +55,8 @@ pub fn read_frames_without(path: &Path, protocol: &Protocol, left_out: &[usize])
 /// As [`read_frames`] for the channels that are not left out; a part of values that are not complex.
 pub fn read_frames_with(path: &Path, protocol: &Protocol, options: &ReadOptions<'_>) -> Result<Vec<Frame>, TableError> {
     let channel_count = protocol.channel_count();
-    let (table, is_complex) = read_rows(path, "frames", Some(channel_count), options.part)?;
+    let array = if options.untouched { BASELINE } else { "frames" };
+    let (table, is_complex) = read_rows(path, array, Some(channel_count), options.part)?;
     let table = match options.part.filter(|_| !is_complex) {
         Some(part) => part_of_pairs(table, part, channel_count),
         None => Ok(table),
@@ -58,6 +68,7 @@ pub fn read_frames_with(path: &Path, protocol: &Protocol, options: &ReadOptions<
     let table = with_columns(table, path, channel_count, "frames of this protocol")?;
     let mut frames = Vec::with_capacity(table.rows.len());
     for (mut values, row) in table.rows.into_iter().zip(table.file_rows) {
+        values.iter_mut().filter(|value| OVERLOADS.contains(&value.abs())).for_each(|value| *value = f64::NAN);
         for &channel in options.left_out {
             values.get_mut(channel).into_iter().for_each(|value| *value = 0.0);
         }

@@ -156,7 +156,7 @@ fn a_file_that_is_wrong_as_a_whole_is_named() {
     for empty in ["", "\u{feff}", "\r\n", "a,b,c\n"] {
         assert_eq!(frame_error(empty), ": the file is empty: it holds no row of numbers");
     }
-    assert!(frame_error([0xff, 0xfe, 0, 1]).contains("not UTF-8"));
+    assert!(frame_error([0x31, 0xff, 0]).contains("not text (byte 1)"));
     assert!(frame_error(b"PK\x03\x04rubbish").contains("not an NPZ file"));
     assert!(frame_error(b"\x93NUMPY\x01").contains("cut short"));
     let missing = read_table(&PathBuf::from("no/such.csv"), "frames").unwrap_err().to_string();
@@ -254,6 +254,75 @@ fn parts_of_complex_arrays_and_columns_are_read() {
     let negative = columns.join(",").replacen("9,", "-9,", 1);
     assert!(read("f.csv", negative.into(), Part::Magnitude).unwrap_err().contains("is negative and no magnitude"));
     assert!(read("f.csv", row("12").into(), Part::Real).unwrap_err().contains("leave --part out"));
+}
+
+/// As boards and programs write the same two frames.
+#[test]
+fn what_stands_beside_the_values_is_not_read() {
+    let values = |first: f64| (0..12).map(|channel| first + f64::from(channel)).collect::<Vec<f64>>();
+    let expected = [values(1.5), values(-2.5)];
+    let words = |separator: &str| {
+        expected.clone().map(|row| row.iter().map(f64::to_string).collect::<Vec<_>>().join(separator))
+    };
+    let read = |content: Vec<u8>| {
+        let (_folder, path) = file("f.csv", content);
+        read_frames(&path, &protocol()).map(|frames| frames.into_iter().map(|frame| frame.0).collect::<Vec<_>>())
+    };
+    let [a, b] = words(",");
+    let names = vec!["v"; 12].join(",");
+    let tabs = words("\t").map(|row| row.replace('.', ","));
+    let quoted = words("\",\"").map(|row| format!("\"{}\"", row.replace('.', ",")));
+    let named = expected.clone().map(|row| {
+        let fields = row.iter().enumerate().map(|(channel, value)| format!("ch{channel}:{value}"));
+        fields.collect::<Vec<_>>().join(",")
+    });
+    let drives = |first: usize| -> String {
+        let rows = expected.iter().flat_map(|frame| frame.chunks(3).enumerate());
+        rows.map(|(drive, row)| format!("{},{},{},{}\n", drive + first, row[0], row[1], row[2])).collect()
+    };
+    for content in [
+        format!("12:00:01.123 -> {a}\n12:00:01.223 -> {b}\n"),
+        format!("time,{names}\n2024-05-01T12:00:00.1Z,{a}\n2024-05-01T12:00:00.2Z,{b}\n"),
+        format!("date time,{names}\n05/01/2024 12:00:00:123,{a}\n05/01/2024 12:00:00:223,{b}\n"),
+        format!("date,time,{names}\n1.5.2024,12:00:00,{a}\n1.5.2024,12:00:01,{b}\n"),
+        format!("magnitudes: {a}\nmagnitudes: {b}\n"),
+        format!("[{a}]\n[{b}]\n"),
+        tabs.join("\n"),
+        quoted.join("\n"),
+        named.join("\r"),
+        drives(0),
+        drives(1),
+    ] {
+        assert_eq!(read(content.clone().into()).unwrap(), expected, "{content}");
+    }
+    let wide: Vec<u8> = format!("\u{feff}{a}\r\n{b}\r\n").encode_utf16().flat_map(u16::to_le_bytes).collect();
+    assert_eq!(read(wide).unwrap(), expected);
+    let lost = drives(1).replacen("3,", "2,", 1);
+    assert!(read(lost.into()).unwrap_err().to_string().contains("is of the drive 2, where 3 follows"));
+}
+
+/// Rows of one drive each, with an empty line after each frame: what is between these must be a frame.
+#[test]
+fn a_lost_row_of_a_drive_does_not_shift_the_frames_after_it() {
+    let rows: Vec<String> = (0..16).map(|row| format!("{row}.5,{row}.25,{row}.125\n")).collect();
+    let frames = |rows: &[String]| rows.chunks(4).map(|frame| frame.concat() + "\n").collect::<String>();
+    let (_folder, path) = file("f.csv", frames(&rows));
+    assert_eq!(read_frames(&path, &protocol()).unwrap().len(), 4);
+    // A row of the second frame is lost, and one of the third comes twice.
+    let wrong =
+        frames(&rows).replace("5.5,5.25,5.125\n", "").replace("9.5,9.25,9.125\n", &"9.5,9.25,9.125\n".repeat(2));
+    let error = frame_error(wrong);
+    assert!(error.contains("4 rows of one drive each, but the rows 6 to 8") && error.contains("are 3"), "{error}");
+}
+
+#[test]
+fn overloads_are_no_values() {
+    let frame = row("12").replacen("4", "9.9E+37", 1).replacen("5", "-9.91e37", 1);
+    let (_folder, path) = file("f.csv", frame.into_bytes());
+    assert!(read_frames(&path, &protocol()).unwrap_err().to_string().contains("is NaN"));
+    let options = ReadOptions { keep_incomplete: true, ..ReadOptions::default() };
+    let frames = read_frames_with(&path, &protocol(), &options).unwrap();
+    assert_eq!(frames[0].iter().filter(|value| value.is_nan()).count(), 2);
 }
 
 #[test]

@@ -179,7 +179,7 @@ type Quadripoles = (usize, [usize; 4]);
 
 /// The fields of a row with one of the separators of quadripoles.
 fn separated(row: &str) -> Vec<&str> {
-    match [',', ';'].into_iter().find(|&separator| row.contains(separator)) {
+    match [';', '\t', ','].into_iter().find(|&separator| row.contains(separator)) {
         Some(separator) => row.split(separator).map(str::trim).collect(),
         None => row.split_whitespace().collect(),
     }
