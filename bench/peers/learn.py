@@ -21,7 +21,7 @@ import read_dataset
 
 # The command of the tables, as every table of the documents has it.
 MARK = "<!-- table: bench/peers/learn.sh -->"
-NETWORKS = {"paper": "paper", "best": "best"}
+NETWORKS = {"paper": "paper", "spots": "spots"}
 SAMPLES, BATCH, RATE = 14_400, 360, 1e-3
 # A thirtieth is held out: what is left is one batch.
 FEW = 372

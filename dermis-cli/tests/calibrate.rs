@@ -141,7 +141,7 @@ fn wrong_options_of_a_calibration_are_named() {
     assert!(refused("--labels 0..90").contains("--labels"));
     assert!(refused("--labels 5..5").contains("--labels"));
     assert!(refused("--labels 0..5").contains("5 labelled presses"));
-    for method in ["best", "forwardmap", "./no-such-folder"] {
+    for method in ["spots", "forwardmap", "./no-such-folder"] {
         let refused = refused(&format!("--method {method}"));
         assert!(refused.contains(&format!("--method {method}: ")) && refused.contains("forward-map"), "{refused}");
     }
