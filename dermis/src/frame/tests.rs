@@ -269,7 +269,7 @@ fn what_stands_beside_the_values_is_not_read() {
         read_frames(&path, &protocol()).map(|frames| frames.into_iter().map(|frame| frame.0).collect::<Vec<_>>())
     };
     let [a, b] = words(",");
-    let names = vec!["v"; 12].join(",");
+    let names = ["v"; 12].join(",");
     let tabs = words("\t").map(|row| row.replace('.', ","));
     let quoted = words("\",\"").map(|row| format!("\"{}\"", row.replace('.', ",")));
     let named = expected.clone().map(|row| {
