@@ -321,14 +321,14 @@ impl Player {
     /// Goes to a requested place: the frames before it are played without pauses. Returns whether one is still to come.
     fn seek(&mut self, pace: &mut Pace, was: &mut Option<f64>, shared: &LiveHandle) -> Result<bool, LiveError> {
         let wanted = self.playback.wanted();
+        let before = std::mem::replace(was, wanted);
         let Some(part) = wanted else { return Ok(false) };
         let here = self.reader.recording.part_read();
-        if wanted != *was && part < here {
+        if wanted != before && part < here {
             self.begin_again(shared)?;
         } else if here >= part {
             self.playback.reached(part);
         }
-        *was = wanted;
         pace.begun = None;
         Ok(self.playback.wanted().is_some())
     }

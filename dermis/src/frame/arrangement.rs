@@ -46,8 +46,9 @@ fn joined(table: &Table, protocol: &Protocol) -> Result<Option<Table>, String> {
         return Ok(None);
     }
     let blocks: Vec<&[usize]> = table.file_rows.chunk_by(|a, b| b - a == 1).collect();
-    if blocks.iter().any(|block| block.len() == drives.len())
-        && let Some(block) = blocks.iter().find(|block| block.len() != drives.len())
+    let is_whole = |block: &&&[usize]| block.len().is_multiple_of(drives.len());
+    if blocks.iter().any(|block| is_whole(&block))
+        && let Some(block) = blocks.iter().find(|block| !is_whole(block))
     {
         return Err(format!(
             "frames have {} of one drive each, but the rows {} to {}, between lines without values, are {}: mend or remove them",

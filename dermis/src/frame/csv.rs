@@ -37,7 +37,10 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>, part: Opti
     let without_values = used.clone().last().map_or(0, |(_, (before, _))| columns_in(before));
     let mut lines: Vec<(usize, &str)> = used.map(|(index, (_, line))| (index, line)).collect();
     let mut header = match lines.first() {
-        Some((_, line)) if is_header(line, separator, columns) => Some(lines.remove(0).1),
+        // Names with numbers, as `V0:1`, are no names with values if the next row has none.
+        Some((_, line)) if is_header(line, separator, columns) || has_names(line, lines.get(1)) => {
+            Some(lines.remove(0).1)
+        }
         _ => None,
     };
     let fields = |line: &str| split(line, separator).len();
@@ -68,9 +71,12 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>, part: Opti
             return Err(TableError::File { path: path.to_path_buf(), message: without_part(count) });
         }
     }
+    // Of dates and times that have names.
+    let values = lines.first().map_or(usize::MAX, |(_, line)| fields(line));
+    let unnamed = |header: &str| fields(header).saturating_sub(values).min(without_values);
     let named = |line: &str| -> Vec<String> { split(line, separator).into_iter().map(name).collect() };
     Ok(Rows {
-        header: header.map(|line| named(line).split_off(without_values.min(fields(line)))),
+        header: header.map(|line| named(line).split_off(unnamed(line))),
         rows: rows?,
         is_complex: complex_count > 0,
     })
@@ -160,14 +166,23 @@ pub(super) fn is_header(line: &str, separator: char, columns: Option<usize>) -> 
     }
 }
 
+/// Whether a line has names before its values, and the next one has not.
+fn has_names(line: &str, next: Option<&(usize, &str)>) -> bool {
+    line.starts_with(|first: char| first.is_alphabetic())
+        && line.contains(':')
+        && next.is_some_and(|(_, next)| !next.contains(':'))
+}
+
 /// The fields of a line; with a space as separator, they are separated by any white space.
 pub(super) fn split(line: &str, separator: char) -> Vec<&str> {
     if separator == ' ' {
         return line.split_whitespace().collect();
     }
+    // A single quote is an inch, or a mistake.
+    let has_quoted = line.matches('"').count() % 2 == 0;
     let mut is_quoted = false;
     let ends = |character: char| {
-        is_quoted ^= character == '"';
+        is_quoted ^= has_quoted && character == '"';
         character == separator && !is_quoted
     };
     line.split(ends).collect()

@@ -290,6 +290,14 @@ fn what_stands_beside_the_values_is_not_read() {
         tabs.join("\n"),
         quoted.join("\n"),
         named.join("\r"),
+        format!("{}\n{a}\n{b}\n", (0..12).map(|m| format!("V{m}:{}", m + 1)).collect::<Vec<_>>().join(",")),
+        format!(
+            "12:00:00.9 -> {}\n12:00:01 -> {}\n12:00:02 -> {}\n",
+            names.replace(',', " "),
+            words(" ")[0],
+            words(" ")[1]
+        ),
+        format!("\t{}\n0\t{}\n1\t{}\n", names.replace(',', "\t"), words("\t")[0], words("\t")[1]),
         drives(0),
         drives(1),
     ] {

@@ -39,7 +39,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Cow<'_, str>, String> {
 /// A line in two parts: a time of day or a date before the values (`12:00:01.5 -> 1.2`, `2024-05-01 12:00:00,1.2`) or a word
 /// with a colon (`frame: 1.2`), and the values. The brackets of a list are dropped.
 pub(super) fn values_of(line: &str) -> (&str, &str) {
-    let mut rest = line.trim_start();
+    // A tab is an empty field.
+    let mut rest = line.trim_start_matches(' ');
     if let Some((before, after)) = line.split_once("->")
         && before.split_whitespace().any(is_time)
     {
@@ -75,9 +76,11 @@ fn is_label(word: &str) -> bool {
     word.len() > 1 && word.ends_with(':') && word.starts_with(|first: char| first.is_alphabetic())
 }
 
-/// Whether the commas in a line are decimal commas: it has words of one number each, and no comma at the end of a word.
+/// Whether the commas in a line are decimal commas: it has words of one number each, and no comma at an end of a word.
 pub(super) fn has_decimal_commas(line: &str) -> bool {
-    let is_number = |word: &str| word.replacen(',', ".", 1).parse::<f64>().is_ok() && !word.ends_with(',');
+    let is_number = |word: &str| {
+        word.replacen(',', ".", 1).parse::<f64>().is_ok() && !word.starts_with(',') && !word.ends_with(',')
+    };
     let mut words = line.split_whitespace();
     line.contains(',') && line.split_whitespace().count() > 1 && words.all(is_number)
 }
@@ -119,6 +122,6 @@ mod tests {
     #[test]
     fn decimal_commas_are_told_from_separators() {
         assert!(["-93,581\t-41,439", "1,5 2 3,25", "1,5e-3 2,5"].into_iter().all(has_decimal_commas));
-        assert!(!["1,2", "1, 2, 3", "1,2,3 4,5,6", "1 2", "a,1 2,3"].into_iter().any(has_decimal_commas));
+        assert!(!["1,2", "1, 2, 3", "1 ,2 ,3", "1,2,3 4,5,6", "1 2", "a,1 2,3"].into_iter().any(has_decimal_commas));
     }
 }
