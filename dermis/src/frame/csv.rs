@@ -179,7 +179,7 @@ pub(super) fn split(line: &str, separator: char) -> Vec<&str> {
         return line.split_whitespace().collect();
     }
     // A single quote is an inch, or a mistake.
-    let has_quoted = line.matches('"').count() % 2 == 0;
+    let has_quoted = line.matches('"').count().is_multiple_of(2);
     let mut is_quoted = false;
     let ends = |character: char| {
         is_quoted ^= has_quoted && character == '"';
