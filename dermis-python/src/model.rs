@@ -10,7 +10,7 @@ pub fn shipped_model<'py>(py: Python<'py>, name: &str) -> Outcome<(Bound<'py, Py
     let (card, weights) = dermis_learn::shipped_files(name).ok_or_else(|| {
         Failure::with_hint(
             format!("no network {name:?} is shipped"),
-            "give best, paper or shapes, or the path of a folder",
+            "give spots, paper or shapes, or the path of a folder",
         )
     })?;
     Ok((PyBytes::new(py, card), PyBytes::new(py, weights)))

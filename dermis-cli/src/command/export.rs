@@ -12,7 +12,7 @@ use std::path::PathBuf;
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Network: a shipped name (best or paper for cylinder30, shapes for skin16), or the folder of a trained network,
+    /// Network: a shipped name (spots or paper for cylinder30, shapes for skin16), or the folder of a trained network,
     /// as in ./my-model.
     #[arg(long, value_name = "NAME|FOLDER")]
     method: String,

@@ -356,6 +356,11 @@ impl Player {
                     feed(item, pace, shared);
                     continue;
                 }
+                // The recording is over when it is played on.
+                Ok(None) if self.playback.is_paused() => {
+                    self.playback.wanted().into_iter().for_each(|part| self.playback.reached(part));
+                    continue;
+                }
                 Ok(None) => None,
                 Err(error @ LiveError::Record(RecordError::Io { .. })) => Some((error.to_string(), true)),
                 Err(error) => Some((error.to_string(), false)),
@@ -412,7 +417,8 @@ impl Pace {
         let (first, begun) = *self.begun.get_or_insert_with(|| (measured_at, Instant::now()));
         let since_s = (measured_at.seconds_since(first) / self.speed).max(0.0);
         let due = begun + Duration::try_from_secs_f64(since_s).unwrap_or_default();
-        while !shared.is_stopped() {
+        let is_asked = || shared.playback().is_some_and(|playback| playback.is_paused() || playback.wanted().is_some());
+        while !shared.is_stopped() && !is_asked() {
             let left = due.saturating_duration_since(Instant::now());
             if left.is_zero() {
                 return;

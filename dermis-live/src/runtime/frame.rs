@@ -67,6 +67,11 @@ impl StaleWatch {
         was_stale
     }
 
+    /// No frame is expected before now.
+    pub(super) fn rest(&mut self) {
+        self.arrived = Instant::now();
+    }
+
     /// The stale frame to report now, and whether it is the first report.
     pub(super) fn check(&mut self) -> Option<(LiveFrame, bool)> {
         let age = self.arrived.elapsed();

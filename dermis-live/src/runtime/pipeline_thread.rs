@@ -141,6 +141,7 @@ impl PipelineThread {
             Ok(pipeline) => {
                 (self.pipeline, self.rebuilds, self.rebuilding, self.fitting) = (pipeline, false, None, None);
                 self.shared.set_state(&self.pipeline);
+                self.stale.rest();
             }
             Err(error) => self.shared.notice(Severity::Error, error.to_string()),
         }
@@ -149,6 +150,7 @@ impl PipelineThread {
     /// Reports that frames have stopped, unless people have stopped them.
     fn report_stale(&mut self) {
         if self.shared.playback().is_some_and(Playback::is_paused) {
+            self.stale.rest();
             return;
         }
         if let Some((frame, is_first)) = self.stale.check() {

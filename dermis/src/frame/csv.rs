@@ -37,10 +37,7 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>, part: Opti
     let without_values = used.clone().last().map_or(0, |(_, (before, _))| columns_in(before));
     let mut lines: Vec<(usize, &str)> = used.map(|(index, (_, line))| (index, line)).collect();
     let mut header = match lines.first() {
-        // Names with numbers, as `V0:1`, are no names with values if the next row has none.
-        Some((_, line)) if is_header(line, separator, columns) || has_names(line, lines.get(1)) => {
-            Some(lines.remove(0).1)
-        }
+        Some((_, line)) if is_header(line, separator, columns) => Some(lines.remove(0).1),
         _ => None,
     };
     let fields = |line: &str| split(line, separator).len();
@@ -166,13 +163,6 @@ pub(super) fn is_header(line: &str, separator: char, columns: Option<usize>) -> 
     }
 }
 
-/// Whether a line has names before its values, and the next one has not.
-fn has_names(line: &str, next: Option<&(usize, &str)>) -> bool {
-    line.starts_with(|first: char| first.is_alphabetic())
-        && line.contains(':')
-        && next.is_some_and(|(_, next)| !next.contains(':'))
-}
-
 /// The fields of a line; with a space as separator, they are separated by any white space.
 pub(super) fn split(line: &str, separator: char) -> Vec<&str> {
     if separator == ' ' {
@@ -242,12 +232,16 @@ fn holds_several_numbers(field: &str) -> bool {
     field.split_whitespace().count() > 1 && field.split_whitespace().all(|word| word.parse::<f64>().is_ok())
 }
 
-/// The number in a field, without the name before a colon. A comma is a decimal point: no separator, or in quotes.
+/// The number in a field, without the name before a colon. `V0:1` is a name. A comma is a decimal point: no separator, or in quotes.
 fn number(field: &str, separator: char) -> Option<f64> {
     let field = field.trim();
     let plain = field.trim_matches('"');
     let is_named = plain.starts_with(|first: char| first.is_alphabetic());
-    let plain = if is_named { plain.split_once(':').map_or(plain, |(_, value)| value.trim()) } else { plain };
+    let plain = if is_named {
+        plain.split_once(':').filter(|(_, value)| value.contains('.')).map_or(plain, |(_, value)| value.trim())
+    } else {
+        plain
+    };
     let has_comma = plain.contains(',') && (separator != ',' || field.starts_with('"'));
     if has_comma { plain.replacen(',', ".", 1).parse() } else { plain.parse() }.ok()
 }

@@ -7,8 +7,9 @@ use crate::protocol::Protocol;
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-/// What instruments send in place of a value (SCPI-99, volume 1, section 7.2): infinity is 9.9e37, no number 9.91e37.
-const OVERLOADS: RangeInclusive<f64> = 9.89e37..=9.92e37;
+/// What instruments send in place of a value (SCPI-99, volume 1, section 7.2): infinity is 9.9e37, no number 9.91e37; the
+/// magnitude of two of them.
+const OVERLOADS: RangeInclusive<f64> = 9.89e37..=1.41e38;
 /// The name of the array of untouched frames.
 pub(super) const BASELINE: &str = "baseline";
 
@@ -56,7 +57,9 @@ pub fn read_frames_without(path: &Path, protocol: &Protocol, left_out: &[usize])
 pub fn read_frames_with(path: &Path, protocol: &Protocol, options: &ReadOptions<'_>) -> Result<Vec<Frame>, TableError> {
     let channel_count = protocol.channel_count();
     let array = if options.untouched { BASELINE } else { "frames" };
-    let (table, is_complex) = read_rows(path, array, Some(channel_count), options.part)?;
+    let (mut table, is_complex) = read_rows(path, array, Some(channel_count), options.part)?;
+    let values = table.rows.iter_mut().flatten();
+    values.filter(|value| OVERLOADS.contains(&value.abs())).for_each(|value| *value = f64::NAN);
     let table = match options.part.filter(|_| !is_complex) {
         Some(part) => part_of_pairs(table, part, channel_count),
         None => Ok(table),
@@ -68,7 +71,6 @@ pub fn read_frames_with(path: &Path, protocol: &Protocol, options: &ReadOptions<
     let table = with_columns(table, path, channel_count, "frames of this protocol")?;
     let mut frames = Vec::with_capacity(table.rows.len());
     for (mut values, row) in table.rows.into_iter().zip(table.file_rows) {
-        values.iter_mut().filter(|value| OVERLOADS.contains(&value.abs())).for_each(|value| *value = f64::NAN);
         for &channel in options.left_out {
             values.get_mut(channel).into_iter().for_each(|value| *value = 0.0);
         }
