@@ -21,7 +21,7 @@ import read_dataset
 
 # The command of the tables, as every table of the documents has it.
 MARK = "<!-- table: bench/peers/learn.sh -->"
-NETWORKS = {"paper": "paper", "spots": "spots"}
+NETWORKS = ("paper", "spots")
 SAMPLES, BATCH, RATE = 14_400, 360, 1e-3
 # A thirtieth is held out: what is left is one batch.
 FEW = 372
@@ -164,7 +164,7 @@ def inference(folder, data, rounds):
         for peer in peers:
             theirs = np.concatenate([peer.image(difference[None]) for difference in differences])
             worst = np.abs(theirs - images).max() / np.abs(images).max()
-            agreements.append(check(f"{NETWORKS[network]} network in {peer.name}", worst, IMAGE_AGREEMENT))
+            agreements.append(check(f"{network} network in {peer.name}", worst, IMAGE_AGREEMENT))
             times[peer.name] = []
         for turn in range(rounds + 1):
             own = {"dermis": program.times(f"infer {network} {FRAMES}")}
@@ -205,7 +205,7 @@ def inference_table(results):
         for (name, own), agreement in zip(times.items(), agreements):
             agrees = f"{agreement:.0e}" if agreement else "-"
             median, late = np.median(own), np.quantile(own, 0.99)
-            lines.append(f"| {NETWORKS[network]} | {name} | {agrees} | {1e3 * median:.3f} | {1e3 * late:.3f} | {median / ours:.2f} |")
+            lines.append(f"| {network} | {name} | {agrees} | {1e3 * median:.3f} | {1e3 * late:.3f} | {median / ours:.2f} |")
     return lines
 
 

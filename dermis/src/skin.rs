@@ -152,7 +152,7 @@ impl Skin {
         if let Some(linearised) = self.parts.linearised.get() {
             return Ok(linearised);
         }
-        let linearised = Linearised::new(self.forward(), self.pixels())?;
+        let linearised = Linearised::about(self.forward(), self.pixels(), self.untouched()?.clone())?;
         Ok(self.parts.linearised.get_or_init(|| linearised))
     }
 

@@ -24,8 +24,7 @@ pub struct Arguments {
     #[command(flatten)]
     method: MethodArguments,
     /// Recipe of the touches and skins (TOML); may be given more than once. Default: presses on patches (Gaussian touches
-    /// on a body from a mesh file), with a careful
-    /// workshop's tolerances.
+    /// on a body from a mesh file), with a careful workshop's tolerances.
     #[arg(long, value_name = "FILE")]
     recipe: Vec<PathBuf>,
     /// Samples of each recipe.

@@ -36,14 +36,15 @@ impl Playback {
         self.lock().wanted = Some(part);
     }
 
-    /// The requested place.
-    pub(super) fn wanted(&self) -> Option<f64> {
-        self.lock().wanted
+    /// The place that was requested since the last call.
+    pub(super) fn take_wanted(&self) -> Option<f64> {
+        self.lock().wanted.take()
     }
 
-    /// The requested place is reached, unless another one has been requested.
-    pub(super) fn reached(&self, part: f64) {
-        self.lock().wanted.take_if(|wanted| *wanted == part);
+    /// Whether a pause or another place is requested.
+    pub(super) fn is_asked(&self) -> bool {
+        let place = self.lock();
+        place.paused || place.wanted.is_some()
     }
 
     /// A frame is played.

@@ -251,6 +251,8 @@ pub struct Player {
     state: State,
     speed: f64,
     playback: Arc<Playback>,
+    /// The place up to which the frames are played without pauses.
+    until: Option<f64>,
 }
 
 impl std::fmt::Debug for Player {
@@ -289,7 +291,7 @@ impl Player {
             )));
         }
         let (reader, facts, state) = RecordingReader::new(path, recording, Arc::clone(methods))?;
-        Ok(Player { reader, facts, state, speed, playback: Arc::default() })
+        Ok(Player { reader, facts, state, speed, playback: Arc::default(), until: None })
     }
 
     /// The state of the pipeline at the start of the recording.
@@ -318,33 +320,32 @@ impl Player {
         Ok(())
     }
 
-    /// Goes to a requested place: the frames before it are played without pauses. Returns whether one is still to come.
-    fn seek(&mut self, pace: &mut Pace, was: &mut Option<f64>, shared: &LiveHandle) -> Result<bool, LiveError> {
-        let wanted = self.playback.wanted();
-        let before = std::mem::replace(was, wanted);
-        let Some(part) = wanted else { return Ok(false) };
-        let here = self.reader.recording.part_read();
-        if wanted != before && part < here {
-            self.begin_again(shared)?;
-        } else if here >= part {
-            self.playback.reached(part);
+    /// Goes to a place that is requested: the frames before it are played without pauses.
+    fn seek(&mut self, pace: &mut Pace, shared: &LiveHandle) -> Result<(), LiveError> {
+        if let Some(part) = self.playback.take_wanted() {
+            // A recording is read forwards only.
+            if part < self.reader.recording.part_read() {
+                self.begin_again(shared)?;
+            }
+            self.until = Some(part);
+            pace.begun = None;
         }
-        pace.begun = None;
-        Ok(self.playback.wanted().is_some())
+        let here = self.reader.recording.part_read();
+        self.until.take_if(|part| here >= *part);
+        Ok(())
     }
 
     /// Plays until the end, or until it is stopped.
     pub(crate) fn play(mut self, shared: &LiveHandle) {
         let mut pace = Pace { speed: self.speed, begun: None };
-        let mut was = None;
         while !shared.is_stopped() {
-            let next = match self.seek(&mut pace, &mut was, shared) {
-                Ok(false) if self.playback.is_paused() => {
+            let next = match self.seek(&mut pace, shared) {
+                Ok(()) if self.until.is_none() && self.playback.is_paused() => {
                     std::thread::sleep(LONGEST_SLEEP);
                     pace.begun = None;
                     continue;
                 }
-                Ok(_) => self.reader.next(),
+                Ok(()) => self.reader.next(),
                 Err(error) => Err(error),
             };
             let text = match next {
@@ -352,13 +353,13 @@ impl Player {
                     if let RecordedItem::Frame(frame) = &item {
                         self.playback.at(frame.input.measured_at, self.reader.recording.part_read());
                     }
-                    let pace = Some(&mut pace).filter(|_| self.playback.wanted().is_none());
+                    let pace = Some(&mut pace).filter(|_| self.until.is_none());
                     feed(item, pace, shared);
                     continue;
                 }
                 // The recording is over when it is played on.
                 Ok(None) if self.playback.is_paused() => {
-                    self.playback.wanted().into_iter().for_each(|part| self.playback.reached(part));
+                    self.until = None;
                     continue;
                 }
                 Ok(None) => None,
@@ -417,7 +418,7 @@ impl Pace {
         let (first, begun) = *self.begun.get_or_insert_with(|| (measured_at, Instant::now()));
         let since_s = (measured_at.seconds_since(first) / self.speed).max(0.0);
         let due = begun + Duration::try_from_secs_f64(since_s).unwrap_or_default();
-        let is_asked = || shared.playback().is_some_and(|playback| playback.is_paused() || playback.wanted().is_some());
+        let is_asked = || shared.playback().is_some_and(Playback::is_asked);
         while !shared.is_stopped() && !is_asked() {
             let left = due.saturating_duration_since(Instant::now());
             if left.is_zero() {

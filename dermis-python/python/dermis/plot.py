@@ -146,16 +146,12 @@ def _plane(skin):
     return np.delete(range(3), thin) if is_flat else None
 
 
-def _is_in_space(skin):
-    return _radius(skin) is None and _plane(skin) is None
-
-
 def _axes(skin, axes):
     if axes is not None:
         return axes
     from matplotlib import pyplot
 
-    projection = "3d" if _is_in_space(skin) else None
+    projection = "3d" if flat(skin, skin.electrodes).shape[1] == 3 else None
     return pyplot.subplots(layout="constrained", subplot_kw={"projection": projection})[1]
 
 

@@ -47,7 +47,7 @@ fn joined(table: &Table, protocol: &Protocol) -> Result<Option<Table>, String> {
     }
     let blocks: Vec<&[usize]> = table.file_rows.chunk_by(|a, b| b - a == 1).collect();
     let is_whole = |block: &&&[usize]| block.len().is_multiple_of(drives.len());
-    if 2 * blocks.iter().filter(is_whole).count() > blocks.len()
+    if 2 * blocks.iter().filter(is_whole).count() >= blocks.len()
         && let Some(block) = blocks.iter().find(|block| !is_whole(block))
     {
         return Err(format!(

@@ -29,13 +29,12 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>, part: Opti
     let used = numbered.filter(|(_, line)| !is_skipped(line)).map(|(index, line)| (index, values_of(line)));
     let separator = separator(used.clone().take(2).map(|(_, (_, line))| line));
     check_size(text, separator).map_err(of_file)?;
-    // The columns of dates and times have names, but no values.
-    let columns_in = |before: &str| match separator {
-        ' ' => before.split_whitespace().count(),
-        _ => before.matches(separator).count(),
-    };
-    let without_values = used.clone().last().map_or(0, |(_, (before, _))| columns_in(before));
-    let mut lines: Vec<(usize, &str)> = used.map(|(index, (_, line))| (index, line)).collect();
+    let mut before_values = "";
+    let mut lines: Vec<(usize, &str)> = Vec::new();
+    for (index, (before, line)) in used {
+        before_values = before;
+        lines.push((index, line));
+    }
     let mut header = match lines.first() {
         Some((_, line)) if is_header(line, separator, columns) => Some(lines.remove(0).1),
         _ => None,
@@ -68,7 +67,11 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>, part: Opti
             return Err(TableError::File { path: path.to_path_buf(), message: without_part(count) });
         }
     }
-    // Of dates and times that have names.
+    // The columns of dates and times have names, but no values.
+    let without_values = match separator {
+        ' ' => before_values.split_whitespace().count(),
+        _ => before_values.matches(separator).count(),
+    };
     let values = lines.first().map_or(usize::MAX, |(_, line)| fields(line));
     let unnamed = |header: &str| fields(header).saturating_sub(values).min(without_values);
     let named = |line: &str| -> Vec<String> { split(line, separator).into_iter().map(name).collect() };
@@ -232,16 +235,15 @@ fn holds_several_numbers(field: &str) -> bool {
     field.split_whitespace().count() > 1 && field.split_whitespace().all(|word| word.parse::<f64>().is_ok())
 }
 
-/// The number in a field, without the name before a colon. `V0:1` is a name. A comma is a decimal point: no separator, or in quotes.
+/// The number in a field, without the name before a colon; `V0:1` is a name. A comma is a decimal point where it is no separator,
+/// and in quotes.
 fn number(field: &str, separator: char) -> Option<f64> {
     let field = field.trim();
     let plain = field.trim_matches('"');
-    let is_named = plain.starts_with(|first: char| first.is_alphabetic());
-    let plain = if is_named {
-        plain.split_once(':').filter(|(_, value)| value.contains('.')).map_or(plain, |(_, value)| value.trim())
-    } else {
-        plain
-    };
+    let named = plain
+        .split_once(':')
+        .filter(|(name, value)| name.starts_with(|first: char| first.is_alphabetic()) && value.contains('.'));
+    let plain = named.map_or(plain, |(_, value)| value.trim());
     let has_comma = plain.contains(',') && (separator != ',' || field.starts_with('"'));
     if has_comma { plain.replacen(',', ".", 1).parse() } else { plain.parse() }.ok()
 }

@@ -31,9 +31,9 @@ pub struct ReadOptions<'a> {
 ///
 /// A header, and a first column of frame numbers or times, are dropped. Frames may also be columns, a row for each channel; or
 /// have one drive in each row, so that an array is frames x drives x measures; or they have the voltages between all
-/// neighbouring electrodes for every drive, whose sum is zero, of which the protocol's channels are taken. 9.9e37 and 9.91e37, which
-/// instruments send at an overload, are no values. Columns that are
-/// named by their electrodes (`v_0_1_2_3`) or channels (`ch12`) may have any order.
+/// neighbouring electrodes for every drive, whose sum is zero, of which the protocol's channels are taken. Columns that are
+/// named by their electrodes (`v_0_1_2_3`) or channels (`ch12`) may have any order. 9.9e37 and 9.91e37, which instruments send
+/// at an overload, are no values.
 ///
 /// # Errors
 /// As [`read_table`](crate::frame::read_table); rows that do not have a value for every channel; a value that is missing, `NaN`

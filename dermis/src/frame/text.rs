@@ -7,21 +7,15 @@ use std::borrow::Cow;
 /// # Errors
 /// A file that is no text, with the fix.
 pub(super) fn decode(bytes: &[u8]) -> Result<Cow<'_, str>, String> {
-    let kind = match bytes {
-        [0x1f, 0x8b, ..] => Some("a gzip file; unpack it, as with `gunzip`"),
-        _ if bytes.starts_with(b"MATLAB ") || bytes.starts_with(b"\x89HDF") => {
-            Some("a MATLAB file; write a table with `writematrix(frames, 'frames.csv')`")
-        }
-        _ => None,
-    };
-    if let Some(kind) = kind {
-        return Err(kind.into());
-    }
     let utf16 = |of: fn([u8; 2]) -> u16| {
         let units: Vec<u16> = bytes[2..].as_chunks::<2>().0.iter().map(|pair| of(*pair)).collect();
         String::from_utf16(&units).map_err(|_| "not UTF-16 text, as its first bytes say".to_string())
     };
     let text = match bytes {
+        [0x1f, 0x8b, ..] => return Err("a gzip file; unpack it, as with `gunzip`".into()),
+        _ if bytes.starts_with(b"MATLAB ") || bytes.starts_with(b"\x89HDF") => {
+            return Err("a MATLAB file; write a table with `writematrix(frames, 'frames.csv')`".into());
+        }
         [0xff, 0xfe, ..] => Cow::Owned(utf16(u16::from_le_bytes)?),
         [0xfe, 0xff, ..] => Cow::Owned(utf16(u16::from_be_bytes)?),
         _ => match std::str::from_utf8(bytes) {
@@ -62,13 +56,9 @@ pub(super) fn values_of(line: &str) -> (&str, &str) {
 fn is_time(word: &str) -> bool {
     let word = word.trim_matches('"');
     let digits = word.bytes().filter(u8::is_ascii_digit).count();
-    let marks = |of: &[u8]| word.bytes().filter(|byte| of.contains(byte)).count();
+    let marks = word.bytes().filter(|byte| b":-/.".contains(byte)).count();
     let is_plain = word.bytes().all(|byte| byte.is_ascii_digit() || b":-/.+TZ".contains(&byte));
-    digits >= 3
-        && is_plain
-        && word.as_bytes()[0].is_ascii_digit()
-        && word.parse::<f64>().is_err()
-        && marks(b":-/.") >= 2
+    digits >= 3 && is_plain && word.as_bytes()[0].is_ascii_digit() && word.parse::<f64>().is_err() && marks >= 2
 }
 
 /// Whether a word names the values that follow.

@@ -1,6 +1,7 @@
 //! The forward model linearised about the untouched skin: the basis of every linear method.
 
 use crate::forward::{ForwardModel, Matrix};
+use crate::frame::Frame;
 use crate::image::PixelSpace;
 use crate::reconstruct::ReconstructError;
 
@@ -24,6 +25,11 @@ impl Linearised {
     /// # Errors
     /// A forward problem that cannot be solved, pixels with cells that are not in the mesh.
     pub fn new(forward: &ForwardModel, pixels: &PixelSpace) -> crate::Result<Self> {
+        Self::about(forward, pixels, forward.solve(forward.rest_conductivity())?)
+    }
+
+    /// [`new`](Self::new) with the untouched frame, which is known.
+    pub(crate) fn about(forward: &ForwardModel, pixels: &PixelSpace, untouched: Frame) -> crate::Result<Self> {
         let rest = forward.rest_conductivity();
         if let Some(cell) = pixels.overlaps.iter().flatten().map(|o| o.0).find(|&cell| cell >= rest.len()) {
             let message = format!("a pixel overlaps cell {cell}, but the mesh has {} cells", rest.len());
@@ -44,7 +50,7 @@ impl Linearised {
         let mut model = Linearised {
             rest_conductivity: rest_conductivity.collect(),
             jacobian: forward.pixel_jacobian(rest, &relative)?,
-            rest_frame: forward.solve(rest)?.0,
+            rest_frame: untouched.0,
         };
         if forward.protocol().amplitude_only() {
             model.drop_signs();
