@@ -67,6 +67,11 @@ impl EmulatorArguments {
         Ok(Emulator::new(design, options)?)
     }
 
+    /// The same with another seed.
+    pub fn with_seed(&self, seed: u64) -> Self {
+        EmulatorArguments { seed, ..self.clone() }
+    }
+
     /// Starts a device that runs the firmware.
     pub fn firmware(&self, design: &SkinDesign) -> Outcome<Arc<FirmwareDevice>> {
         let twin = TwinOptions::load(&self.twin)?;

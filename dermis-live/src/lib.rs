@@ -11,6 +11,7 @@ pub mod device;
 mod error;
 pub mod guide;
 pub mod recording;
+pub mod robot;
 pub mod runtime;
 pub mod sinks;
 

@@ -53,7 +53,8 @@ const CRATES: &[(&str, &[&str])] = &[
     ("dermis-study", &["dermis", "dermis-learn", "dermis-plot", "dermis-sim"]),
     ("dermis-wire", &[]),
     ("dermis-firmware", &["dermis-wire"]),
-    ("dermis-live", &["dermis", "dermis-wire"]),
+    ("dermis-robot", &["dermis"]),
+    ("dermis-live", &["dermis", "dermis-robot", "dermis-wire"]),
     ("dermis-emulate", &["dermis", "dermis-firmware", "dermis-live", "dermis-sim", "dermis-wire"]),
     (
         "dermis-cli",
@@ -65,6 +66,7 @@ const CRATES: &[(&str, &[&str])] = &[
             "dermis-learn",
             "dermis-live",
             "dermis-plot",
+            "dermis-robot",
             "dermis-sim",
             "dermis-study",
             "dermis-wire",

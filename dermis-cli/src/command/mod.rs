@@ -28,6 +28,7 @@ mod reconstruct;
 mod recover;
 mod replay;
 mod reproduce;
+mod robot;
 mod scan_table;
 mod schema;
 mod shell;
@@ -84,6 +85,8 @@ pub enum Command {
     Train(train::Arguments),
     /// Read a skin live, real or emulated: contacts, a page in the browser, recordings, ROS 2.
     Live(live::Arguments),
+    /// Several skins on one robot: check its file, read them live, list its links.
+    Robot(robot::Arguments),
     /// Run a simulated device with the wire protocol.
     Emulate(emulate::Arguments),
     /// Test a method with random faults of a simulated device: false contacts, faults noticed, presses found again.
@@ -117,7 +120,7 @@ pub const GROUPS: [(&str, &[&str]); 9] = [
     ("Reconstruct and score", &["reconstruct", "evaluate", "benchmark", "characterise", "jacobian"]),
     ("Build", &["fabricate", "scan-table", "check-build", "check-device", "check-frames", "fit"]),
     ("Calibrate", &["calibrate"]),
-    ("Live", &["emulate", "replay", "recover", "convert", "fault-campaign"]),
+    ("Live", &["robot", "emulate", "replay", "recover", "convert", "fault-campaign"]),
     ("Simulate and train", &["experiment", "simulate", "train", "export"]),
     ("Study", &["demo", "reproduce"]),
     ("Shell", &["completions", "man"]),
@@ -137,7 +140,7 @@ impl Command {
         run_each!(
             self,
             Mesh Forward Jacobian Reconstruct Contacts Evaluate Benchmark Bound Optimise Calibrate CheckBuild
-            CheckFrames CheckDevice Fit Characterise Experiment Export Demo Reproduce Simulate Train Live Emulate
+            CheckFrames CheckDevice Fit Characterise Experiment Export Demo Reproduce Simulate Train Live Robot Emulate
             FaultCampaign Replay Recover Convert ScanTable Fabricate New Plot Schema Completions Man
         )
     }

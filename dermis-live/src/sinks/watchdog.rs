@@ -43,11 +43,11 @@ impl Heartbeat {
 /// Frames that can wait: a late heartbeat is of no use.
 const WAITING: usize = 2;
 
-/// Sends heartbeats to `HOST:PORT` until the skin is no longer read. Datagrams that cannot be sent are dropped.
+/// A socket that sends to `HOST:PORT`.
 ///
 /// # Errors
 /// An address that cannot be resolved; a socket that cannot be opened.
-pub fn send(shared: &Arc<LiveHandle>, address: &str) -> Result<JoinHandle<()>, LiveError> {
+pub fn socket(address: &str) -> Result<UdpSocket, LiveError> {
     let failed = |why: &dyn std::fmt::Display| {
         LiveError::Given(format!("no watchdog at `{address}`: {why}; write HOST:PORT, as in 192.168.1.5:7440"))
     };
@@ -57,6 +57,15 @@ pub fn send(shared: &Arc<LiveHandle>, address: &str) -> Result<JoinHandle<()>, L
     let socket = UdpSocket::bind(any).and_then(|socket| socket.connect(to).map(|()| socket));
     let socket = socket.map_err(|error| failed(&error))?;
     socket.set_nonblocking(true).map_err(|error| failed(&error))?;
+    Ok(socket)
+}
+
+/// Sends heartbeats to `HOST:PORT` until the skin is no longer read. Datagrams that cannot be sent are dropped.
+///
+/// # Errors
+/// An address that cannot be resolved; a socket that cannot be opened.
+pub fn send(shared: &Arc<LiveHandle>, address: &str) -> Result<JoinHandle<()>, LiveError> {
+    let socket = socket(address)?;
     let (shared, mailbox) = (Arc::clone(shared), shared.subscribe_as("the watchdog", WAITING));
     let run = move || {
         loop {

@@ -1,0 +1,288 @@
+//! `dermis robot`: several skins on one robot.
+
+use crate::console::{StatusLine, note, on_interrupt, print, print_json};
+use crate::emulated::EmulatorArguments;
+use crate::failure::{Failure, Outcome};
+use crate::range::number;
+use clap::{Args, Subcommand};
+use dermis::design::SkinDesign;
+use dermis::pipeline::Settings;
+use dermis::text::{counted, printable};
+use dermis_emulate::emulator::Emulator;
+use dermis_live::device::Address;
+use dermis_live::robot::{RobotLive, RobotOutput, RobotReport, check};
+use dermis_live::sinks::watchdog;
+use dermis_live::{LiveOptions, clock};
+use dermis_robot::{Cause, EventKind, Kinematics, Robot, RuleEvent, Snapshot, Zone};
+use std::f64::consts::TAU;
+use std::io::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// The arguments of `dermis robot`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: RobotCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum RobotCommand {
+    /// Check the file of a robot: links, designs, methods, skins that meet or overlap, the load.
+    Check(CheckArguments),
+    /// Read the skins of a robot live: contacts in its frame, wrenches, rules.
+    Run(RunArguments),
+    /// List the links and joints of a robot description (URDF).
+    Links(LinkArguments),
+}
+
+#[derive(Debug, Args)]
+struct CheckArguments {
+    /// File of the robot (TOML).
+    robot: PathBuf,
+    /// Frames per second for which the load is computed.
+    #[arg(long, value_name = "HZ", default_value_t = 120.0, value_parser = number(0.001..=1e6))]
+    rate: f64,
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Args)]
+struct LinkArguments {
+    /// Robot description (URDF).
+    description: PathBuf,
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Args)]
+struct RunArguments {
+    /// File of the robot (TOML).
+    robot: PathBuf,
+    /// Simulate all devices, and joints that move slowly unless the file names a source of joint states.
+    #[arg(long)]
+    emulate: bool,
+    #[command(flatten)]
+    emulator: EmulatorArguments,
+    /// Snapshots per second.
+    #[arg(long, value_name = "HZ", default_value_t = 50.0, value_parser = number(0.1..=1000.0))]
+    rate: f64,
+    /// Write a line of JSON for each snapshot, and one for each event at once, to standard output: `-`.
+    #[arg(long, value_name = "-", value_parser = ["-"])]
+    jsonl: Option<String>,
+    /// Send a UDP datagram to HOST:PORT for each snapshot in which every required skin is known.
+    #[arg(long, value_name = "HOST:PORT")]
+    watchdog: Option<String>,
+    /// Run for this many seconds.
+    #[arg(long = "for", value_name = "SECONDS", value_parser = number(0.0..=1e9))]
+    for_s: Option<f64>,
+}
+
+impl Arguments {
+    /// Runs the command.
+    pub fn run(self) -> Outcome {
+        match self.command {
+            RobotCommand::Check(arguments) => arguments.run(),
+            RobotCommand::Run(arguments) => arguments.run(),
+            RobotCommand::Links(arguments) => arguments.run(),
+        }
+    }
+}
+
+impl LinkArguments {
+    fn run(self) -> Outcome {
+        let kinematics = Kinematics::load(&self.description)?;
+        if self.json {
+            let joints: Vec<&str> = kinematics.joint_names().collect();
+            return print_json(&serde_json::json!({ "links": kinematics.links(), "joints": joints }));
+        }
+        let rows = kinematics.tree().into_iter().map(|(depth, link, joint)| {
+            let joint = joint.map(|joint| format!("  ({joint})")).unwrap_or_default();
+            format!("{}{link}{joint}\n", "  ".repeat(depth))
+        });
+        print(&rows.collect::<String>())
+    }
+}
+
+impl CheckArguments {
+    fn run(self) -> Outcome {
+        let robot = Robot::load(&self.robot)?;
+        let waiting = crate::console::Progress::waiting("preparing the skins");
+        let report = check(&robot, &dermis_learn::methods(), self.rate)?;
+        drop(waiting);
+        if self.json {
+            print_json(&report)?;
+        } else {
+            print(&table(&report))?;
+        }
+        let overlapping = report.neighbours.iter().find(|pair| pair.overlap > 0.0);
+        overlapping.map_or(Ok(()), |pair| {
+            let [a, b] = &pair.skins;
+            let message = format!("the skins `{a}` and `{b}` overlap: {:.0} % of `{a}`", 100.0 * pair.overlap);
+            Err(Failure::given(message, Some("mend the `origin` of one of them")))
+        })
+    }
+}
+
+/// The report for people.
+fn table(report: &RobotReport) -> String {
+    let base = report.base.as_deref().unwrap_or("none: without a robot description");
+    let joints = if report.joints.is_empty() { "none".into() } else { report.joints.join(", ") };
+    let mut text = format!("{}: base {base}, joints {joints}\n\n", report.robot);
+    text += "| skin | link | design | method | electrodes | cells | ms a frame | source |\n|---|---|---|---|--:|--:|--:|---|\n";
+    for skin in &report.skins {
+        text += &format!(
+            "| {} | {} | {} | {} | {} | {} | {:.2} | {} |\n",
+            skin.skin,
+            skin.link,
+            skin.design,
+            skin.method,
+            skin.electrodes,
+            skin.cells,
+            1e3 * skin.frame_s,
+            skin.source
+        );
+    }
+    for pair in &report.neighbours {
+        let [a, b] = &pair.skins;
+        text += &format!("\n`{a}` and `{b}` are {:.1} mm apart", 1e3 * pair.distance_m);
+    }
+    text + &format!("\nall pipelines at {} Hz: {:.2} cores\n", report.rate_hz, report.cores)
+}
+
+impl RunArguments {
+    fn run(self) -> Outcome {
+        let robot = Arc::new(Robot::load(&self.robot)?);
+        let ended = Arc::new(AtomicBool::new(false));
+        let end = Arc::clone(&ended);
+        on_interrupt(move || end.store(true, Ordering::Relaxed))?;
+        let heartbeat = self.watchdog.as_deref().map(watchdog::socket).transpose()?;
+        let mut emulators = Vec::new();
+        let waiting = crate::console::Progress::waiting("preparing the skins");
+        let started = RobotLive::start(&robot, &dermis_learn::methods(), self.rate, |skin| {
+            self.options(&robot, skin, &mut emulators)
+        });
+        drop(waiting);
+        let mut live = started?;
+        let swings = self.emulate && *robot.joint_source() == dermis_robot::JointSource::None;
+        let (begun, mut shown, mut swung) = (Instant::now(), Instant::now(), None);
+        let line = StatusLine::new();
+        let mut counts = (0_u64, 0_u64);
+        let has_time = || self.for_s.is_none_or(|for_s| begun.elapsed().as_secs_f64() < for_s);
+        while !ended.load(Ordering::Relaxed) && has_time() {
+            if swings && swung.is_none_or(|at: Instant| at.elapsed() >= SWING_EVERY) {
+                swung = Some(Instant::now());
+                swing(&mut live, &robot, begun.elapsed().as_secs_f64());
+            }
+            let Some(output) = live.next(SWING_EVERY) else { continue };
+            if self.jsonl.is_some() && !matches!(output, RobotOutput::Notice { .. }) && !write_line(&output)? {
+                break;
+            }
+            match output {
+                RobotOutput::Event(event) => {
+                    counts.1 += 1;
+                    line.print(&event_text(&event));
+                }
+                RobotOutput::Notice { skin, notice } => {
+                    let whose = skin.map(|skin| format!("{skin}: ")).unwrap_or_default();
+                    line.notice(notice.level, &format!("{whose}{}", notice.text));
+                }
+                RobotOutput::Snapshot(snapshot) => {
+                    counts.0 += 1;
+                    if let Some(socket) = heartbeat.as_ref().filter(|_| snapshot.complete) {
+                        let alive = serde_json::json!({ "at": snapshot.at, "touched": snapshot.touched });
+                        // Without a datagram the watchdog stops the robot, as it should.
+                        let _ = socket.send(alive.to_string().as_bytes());
+                    }
+                    if shown.elapsed() > Duration::from_millis(200) {
+                        shown = Instant::now();
+                        line.show(&status(&snapshot));
+                    }
+                }
+            }
+        }
+        drop(line);
+        let last = live.state().snapshot(clock::now());
+        live.stop();
+        emulators.iter().for_each(|emulator: &Arc<Emulator>| emulator.stop());
+        note(&format!("{}, {}; {}", counted(counts.0, "snapshot"), counted(counts.1, "event"), status(&last)));
+        Ok(())
+    }
+
+    /// How a skin is read; starts its emulator.
+    fn options(&self, robot: &Robot, skin: usize, emulators: &mut Vec<Arc<Emulator>>) -> Outcome<LiveOptions> {
+        let worn = &robot.skins()[skin];
+        let address = if self.emulate || worn.source == "emulate" {
+            // Its serial number is that of the file, or its place.
+            let serial = worn.serial.unwrap_or(skin as u32 + 1);
+            let emulator = self.emulator.with_seed(u64::from(serial)).emulator(&SkinDesign::load(&worn.design)?)?;
+            let address = emulator.serve_locally()?;
+            emulators.push(emulator);
+            address
+        } else {
+            Address::parse(&worn.source)?
+        };
+        let settings = Settings { method: worn.method.clone().unwrap_or_default(), ..Settings::default() };
+        Ok(LiveOptions { waits: true, ..LiveOptions::new(address, settings) })
+    }
+}
+
+/// Interval of simulated joint states.
+const SWING_EVERY: Duration = Duration::from_millis(10);
+/// Amplitude, rad or m, and period, s, of simulated joints: slow enough for any robot.
+const SWING: [f64; 2] = [0.1, 6.0];
+
+/// Simulated joints: each swings about 0, a little slower than the one before.
+fn swing(live: &mut RobotLive, robot: &Robot, time_s: f64) {
+    let Some(kinematics) = robot.kinematics() else { return };
+    let [amplitude, period_s] = SWING;
+    let position = |joint: usize| amplitude * (TAU * time_s / (period_s + joint as f64)).sin();
+    let positions: Vec<(&str, f64)> =
+        kinematics.joint_names().enumerate().map(|(joint, name)| (name, position(joint))).collect();
+    // The positions are of this robot, and the clock may only be set back.
+    let _ = live.joints(clock::now(), &positions);
+}
+
+/// Writes a line; returns whether anyone still reads.
+fn write_line(output: &RobotOutput) -> Outcome<bool> {
+    let mut line = serde_json::to_vec(output).map_err(|error| Failure::Ours(error.to_string()))?;
+    line.push(b'\n');
+    let mut out = std::io::stdout().lock();
+    match out.write_all(&line).and_then(|()| out.flush()) {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(false),
+        Err(error) => Err(Failure::given(format!("standard output cannot be written: {error}"), None)),
+    }
+}
+
+fn event_text(event: &RuleEvent) -> String {
+    let kind = match event.event {
+        EventKind::Begins => "begins",
+        EventKind::Ends => "ends",
+    };
+    let cause = match &event.cause {
+        Cause::Touched { skin } => format!("{skin} is touched"),
+        Cause::Unknown { skin, reason } => {
+            format!("{skin} is unknown: {}", reason.map_or("its force is not calibrated", |reason| reason.text()))
+        }
+    };
+    printable(&format!("{} {kind} ({cause})", event.rule)).into_owned()
+}
+
+/// A line about all skins.
+fn status(snapshot: &Snapshot) -> String {
+    let of_skin = |skin: &dermis_robot::SkinSnapshot| {
+        let zone = match skin.zone {
+            Zone::Clear => "clear".into(),
+            Zone::Touched => "touched".into(),
+            Zone::Unknown { reason } => format!("unknown, {}", reason.text()),
+        };
+        format!("{} {zone}", skin.skin)
+    };
+    let skins: Vec<String> = snapshot.skins.iter().map(of_skin).collect();
+    printable(&format!("{}; {}", skins.join("; "), counted(snapshot.contacts.len(), "contact"))).into_owned()
+}

@@ -1,0 +1,162 @@
+//! What is known of a robot before it is read: its skins in the base's frame, neighbours, the load.
+
+use crate::LiveError;
+use crate::clock;
+use crate::robot::Prepared;
+use dermis::geom::Point3;
+use dermis::geom::vector::distance;
+use dermis::method::{MethodSet, Methods};
+use dermis::pipeline::{FrameInput, Pipeline, Settings, Timestamp};
+use dermis_robot::{Robot, WornSkin};
+use serde::Serialize;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Two skins of one link that are nearer than this are neighbours over a seam, m.
+const SEAM_M: f64 = 0.015;
+/// Frames that are timed.
+const TIMED: u32 = 100;
+/// Noise of the timed frames, of their values: that of a good instrument, so that each frame is another one.
+const NOISE: f64 = 1e-4;
+
+/// What `dermis robot check` finds.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct RobotReport {
+    /// The name of the robot.
+    pub robot: String,
+    /// The link whose frame is the base.
+    pub base: Option<String>,
+    /// The joints that the poses of the skins depend on.
+    pub joints: Vec<String>,
+    /// The skins.
+    pub skins: Vec<SkinReport>,
+    /// Pairs of skins of one link that meet or overlap.
+    pub neighbours: Vec<Neighbours>,
+    /// Cores that all pipelines together need at this rate.
+    pub cores: f64,
+    /// The rate, frames per second.
+    pub rate_hz: f64,
+}
+
+/// A skin of a [`RobotReport`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct SkinReport {
+    /// Its name.
+    pub skin: String,
+    /// The link that wears it.
+    pub link: String,
+    /// Its design.
+    pub design: String,
+    /// Its method.
+    pub method: String,
+    /// Where its frames come from.
+    pub source: String,
+    /// Numbers of electrodes, channels and cells.
+    pub electrodes: usize,
+    /// Values of a frame.
+    pub channels: usize,
+    /// Cells of the mesh.
+    pub cells: usize,
+    /// Time of its pipeline for a frame, median, s.
+    pub frame_s: f64,
+}
+
+/// Two skins of one link.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Neighbours {
+    /// The skins.
+    pub skins: [String; 2],
+    /// Distance of their nearest points, m.
+    pub distance_m: f64,
+    /// The part of the first that lies on the second.
+    pub overlap: f64,
+}
+
+/// Checks a robot: prepares each skin with its method, times its pipeline, looks for skins that meet or overlap.
+///
+/// # Errors
+/// A method that does not exist or cannot be prepared.
+pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotReport, LiveError> {
+    let mut prepared = Prepared::new(methods);
+    let sets: Vec<Arc<MethodSet>> = robot.skins().iter().map(|worn| prepared.of(worn)).collect::<Result<_, _>>()?;
+    let mut skins: Vec<SkinReport> = Vec::new();
+    for (index, (worn, set)) in robot.skins().iter().zip(&sets).enumerate() {
+        let equal = sets[..index].iter().position(|other| Arc::ptr_eq(other, set));
+        let frame_s = equal.map_or_else(|| frame_s(set), |equal| Ok(skins[equal].frame_s))?;
+        let skin = set.skin();
+        skins.push(SkinReport {
+            skin: worn.name.clone(),
+            link: worn.link.clone(),
+            design: worn.design.clone(),
+            method: worn.method.clone().unwrap_or_else(|| "best".into()),
+            source: worn.source.clone(),
+            electrodes: skin.design().electrodes.len(),
+            channels: skin.design().protocol.channel_count(),
+            cells: skin.mesh().cell_count(),
+            frame_s,
+        });
+    }
+    let places: Vec<Vec<Point3>> = robot.skins().iter().zip(&sets).map(|(worn, set)| places(worn, set)).collect();
+    let mut neighbours = Vec::new();
+    for (a, worn) in robot.skins().iter().enumerate() {
+        for (b, other) in robot.skins().iter().enumerate().skip(a + 1).filter(|(_, other)| other.link == worn.link) {
+            let half_m = sets[b].skin().pixels().half_pixel_m();
+            let nearest =
+                |place: &Point3| places[b].iter().map(|at| distance(*place, *at)).fold(f64::INFINITY, f64::min);
+            let apart: Vec<f64> = places[a].iter().map(nearest).collect();
+            let distance_m = (apart.iter().copied().fold(f64::INFINITY, f64::min) - 2.0 * half_m).max(0.0);
+            let overlap = apart.iter().filter(|apart| **apart < half_m).count() as f64 / apart.len() as f64;
+            if distance_m < SEAM_M {
+                let skins = [worn.name.clone(), other.name.clone()];
+                neighbours.push(Neighbours { skins, distance_m, overlap });
+            }
+        }
+    }
+    let joints = robot.kinematics().map(|kinematics| {
+        let names: Vec<&str> = kinematics.joint_names().collect();
+        robot.needed_joints().iter().map(|&joint| names[joint].to_string()).collect()
+    });
+    Ok(RobotReport {
+        robot: robot.name().into(),
+        base: robot.base().map(String::from),
+        joints: joints.unwrap_or_default(),
+        cores: rate_hz * skins.iter().map(|skin| skin.frame_s).sum::<f64>(),
+        skins,
+        neighbours,
+        rate_hz,
+    })
+}
+
+/// The pixels of a skin in its link's frame, m.
+fn places(worn: &WornSkin, set: &MethodSet) -> Vec<Point3> {
+    set.skin().pixels().centres_m.iter().map(|place| worn.origin.point(*place)).collect()
+}
+
+/// The median time of a pipeline for a frame, s: of untouched frames of the model with noise.
+fn frame_s(set: &Arc<MethodSet>) -> Result<f64, LiveError> {
+    let untouched = set.skin().untouched()?.clone();
+    let settings = Settings { force_tare: true, ..Settings::default() };
+    let tare = settings.tare_frames as u32;
+    let mut pipeline = Pipeline::new(Arc::clone(set), settings)?;
+    let mut times_s = Vec::new();
+    let (begun, mut seed) = (clock::now(), 1_u64);
+    for index in 0..tare + TIMED {
+        let mut noisy = |value: &f64| {
+            // A congruential generator (Knuth 1997, 3.3.4): white enough for a time.
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            value * (1.0 + NOISE * ((seed >> 33) as f64 / f64::from(1_u32 << 31) - 0.5))
+        };
+        let values: Vec<f64> = untouched.iter().map(&mut noisy).collect();
+        let measured_at: Timestamp = begun.after(Duration::from_millis(8 * u64::from(index)));
+        let start = Instant::now();
+        pipeline.process(FrameInput::new(u64::from(index), measured_at, values))?;
+        if index >= tare {
+            times_s.push(start.elapsed().as_secs_f64());
+        }
+    }
+    times_s.sort_by(f64::total_cmp);
+    Ok(times_s[times_s.len() / 2])
+}

@@ -1,0 +1,403 @@
+//! The skins of a robot, read at once: one [`Live`] for each, whose faults do not reach the others.
+//!
+//! ```no_run
+//! use dermis::method::Methods;
+//! use dermis::pipeline::Settings;
+//! use dermis_live::device::Address;
+//! use dermis_live::robot::{RobotLive, RobotOutput};
+//! use dermis_live::{LiveError, LiveOptions};
+//! use dermis_robot::Robot;
+//! use std::path::Path;
+//! use std::sync::Arc;
+//! use std::time::Duration;
+//!
+//! # fn example() -> Result<(), Box<dyn std::error::Error>> {
+//! let robot = Arc::new(Robot::load(Path::new("ur5.toml"))?);
+//! let device = |index: usize| -> Result<LiveOptions, LiveError> {
+//!     let address = Address::parse(&robot.skins()[index].source)?;
+//!     Ok(LiveOptions { waits: true, ..LiveOptions::new(address, Settings::default()) })
+//! };
+//! let mut live = RobotLive::start(&robot, &Methods::linear(), 120.0, device)?;
+//! while let Some(output) = live.next(Duration::from_secs(1)) {
+//!     if let RobotOutput::Event(event) = output {
+//!         println!("{}: {:?}", event.rule, event.event); // stop the robot here
+//!     }
+//! }
+//! # Ok(())
+//! # }
+//! ```
+
+mod check;
+
+pub use check::{Neighbours, RobotReport, SkinReport, check};
+
+use crate::clock;
+use crate::runtime::{Event, Live, LiveOptions, Mailbox, Popped};
+use crate::{LiveError, runtime};
+use dermis::method::{MethodSet, Methods};
+use dermis::pipeline::{Notice, Severity, Timestamp};
+use dermis::skin::Skin;
+use dermis_robot::{JointSource, Robot, RobotState, RuleEvent, Snapshot, UnknownReason, WornSkin};
+use serde::{Deserialize, Serialize};
+use std::collections::{HashMap, VecDeque};
+use std::net::UdpSocket;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Events of a skin that can wait.
+const WAITING: usize = 256;
+/// Time until a skin that has failed is read again.
+const AGAIN: Duration = Duration::from_secs(1);
+/// Shortest time between two notices of joint states.
+const JOINT_NOTICE: Duration = Duration::from_secs(2);
+/// Longest datagram of joint states, bytes: that of UDP.
+const DATAGRAM: usize = 1 << 16;
+
+/// What a robot says.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RobotOutput {
+    /// A rule begins or ends.
+    Event(RuleEvent),
+    /// What is known of the robot.
+    Snapshot(Box<Snapshot>),
+    /// A message for people, of a skin or of the robot itself.
+    #[serde(skip)]
+    Notice {
+        /// The skin.
+        skin: Option<String>,
+        /// The message.
+        notice: Notice,
+    },
+}
+
+/// What comes in.
+enum Incoming {
+    Skin(usize, Event),
+    /// A skin is no longer read.
+    Ended(usize),
+    Joints(Timestamp, JointStates),
+    Wrong(String),
+}
+
+/// Joint states as a datagram of JSON, with the names of `sensor_msgs/JointState`.
+#[derive(Debug, Deserialize)]
+struct JointStates {
+    /// When they were measured, seconds since 1970; without it, when they arrived.
+    stamp_s: Option<f64>,
+    name: Vec<String>,
+    position: Vec<f64>,
+}
+
+/// A skin of the robot.
+struct Reader {
+    options: LiveOptions,
+    methods: Arc<MethodSet>,
+    live: Option<(Live, JoinHandle<()>)>,
+    /// When it is read again.
+    again: Option<Instant>,
+}
+
+/// Skins with their methods: equal ones are prepared once.
+struct Prepared<'a> {
+    methods: &'a Methods,
+    sets: HashMap<(String, Option<String>), Arc<MethodSet>>,
+}
+
+impl<'a> Prepared<'a> {
+    fn new(methods: &'a Methods) -> Self {
+        Prepared { methods, sets: HashMap::new() }
+    }
+
+    fn of(&mut self, worn: &WornSkin) -> Result<Arc<MethodSet>, LiveError> {
+        let key = (worn.design.clone(), worn.method.clone());
+        if let Some(set) = self.sets.get(&key) {
+            return Ok(Arc::clone(set));
+        }
+        let set = Arc::new(MethodSet::new(self.methods, Skin::load(&worn.design)?, worn.method.as_deref())?);
+        self.sets.insert(key, Arc::clone(&set));
+        Ok(set)
+    }
+}
+
+/// A robot whose skins are being read.
+pub struct RobotLive {
+    state: RobotState,
+    readers: Vec<Reader>,
+    incoming: Arc<Mailbox<Incoming>>,
+    joints: Option<(JoinHandle<()>, Arc<AtomicBool>)>,
+    joint_notice: Option<Instant>,
+    waiting: VecDeque<RobotOutput>,
+    interval: Duration,
+    next_snapshot: Instant,
+}
+
+impl std::fmt::Debug for RobotLive {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.debug_struct("RobotLive").field("robot", self.state.robot()).finish_non_exhaustive()
+    }
+}
+
+impl RobotLive {
+    /// Prepares the skins and begins to read them; equal skins are prepared once. `options` are those of each skin, by index:
+    /// its address, and its settings, whose method is that of the robot's file. Snapshots come `rate_hz` times a second.
+    ///
+    /// # Errors
+    /// A method that does not exist or cannot be prepared, a socket of joint states that cannot be opened, those of `options`. A
+    /// device that is not there or is refused is waited for.
+    pub fn start<E: From<LiveError>>(
+        robot: &Arc<Robot>,
+        methods: &Methods,
+        rate_hz: f64,
+        mut options: impl FnMut(usize) -> Result<LiveOptions, E>,
+    ) -> Result<Self, E> {
+        let incoming = Arc::new(Mailbox::new(WAITING * robot.skins().len()));
+        let joints = match robot.joint_source() {
+            JointSource::None => None,
+            JointSource::Udp(address) => Some(listen(address, &incoming)?),
+        };
+        let (mut prepared, mut readers) = (Prepared::new(methods), Vec::new());
+        for (index, worn) in robot.skins().iter().enumerate() {
+            let methods = prepared.of(worn)?;
+            readers.push(Reader { options: options(index)?, methods, live: None, again: Some(Instant::now()) });
+        }
+        let mut robot = RobotLive {
+            state: RobotState::new(Arc::clone(robot)),
+            readers,
+            incoming,
+            joints,
+            joint_notice: None,
+            waiting: VecDeque::new(),
+            interval: Duration::from_secs_f64(1.0 / rate_hz),
+            next_snapshot: Instant::now(),
+        };
+        (0..robot.readers.len()).try_for_each(|skin| robot.read(skin))?;
+        Ok(robot)
+    }
+
+    /// The state of the robot.
+    pub fn state(&self) -> &RobotState {
+        &self.state
+    }
+
+    /// Takes joint states from the program, as [`RobotState::joints`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn joints(&mut self, at: Timestamp, positions: &[(&str, f64)]) -> Result<(), String> {
+        self.state.joints(at, positions)
+    }
+
+    /// The handle of a skin, for commands as a tare; `None` while it is not read.
+    pub fn skin(&self, skin: usize) -> Option<&Arc<runtime::LiveHandle>> {
+        self.readers[skin].live.as_ref().map(|(live, _)| live.shared())
+    }
+
+    /// The next output; `None` if there is none for the time `patience`.
+    pub fn next(&mut self, patience: Duration) -> Option<RobotOutput> {
+        let until = Instant::now() + patience;
+        loop {
+            if let Some(output) = self.waiting.pop_front() {
+                return Some(output);
+            }
+            self.read_again();
+            let now = Instant::now();
+            if now >= self.next_snapshot {
+                // A late snapshot is not made up for.
+                self.next_snapshot = (self.next_snapshot + self.interval).max(now);
+                let at = clock::now();
+                let events = self.state.tick(at);
+                self.queue(events);
+                self.waiting.push_back(RobotOutput::Snapshot(Box::new(self.state.snapshot(at))));
+                continue;
+            }
+            if now >= until {
+                return None;
+            }
+            match self.incoming.take(self.next_snapshot.min(until).saturating_duration_since(now)) {
+                Popped::Item(incoming) => self.take(incoming),
+                Popped::TimedOut | Popped::Closed => {}
+            }
+        }
+    }
+
+    /// Stops reading.
+    pub fn stop(self) {
+        for (live, forward) in self.readers.into_iter().filter_map(|reader| reader.live) {
+            live.stop();
+            // A thread that panicked has printed its message already.
+            let _ = forward.join();
+        }
+        if let Some((thread, is_stopped)) = self.joints {
+            is_stopped.store(true, Ordering::Relaxed);
+            let _ = thread.join();
+        }
+    }
+
+    fn queue(&mut self, events: Vec<RuleEvent>) {
+        self.waiting.extend(events.into_iter().map(RobotOutput::Event));
+    }
+
+    fn notice(&mut self, skin: Option<usize>, notice: Notice) {
+        let skin = skin.map(|skin| self.state.robot().skins()[skin].name.clone());
+        self.waiting.push_back(RobotOutput::Notice { skin, notice });
+    }
+
+    fn take(&mut self, incoming: Incoming) {
+        let now = clock::now();
+        let events = match incoming {
+            Incoming::Skin(skin, Event::Frame(frame) | Event::Stale(frame)) => {
+                self.state.frame(skin, &frame.result, now)
+            }
+            Incoming::Skin(skin, Event::Connected(facts)) => {
+                self.report_swap(skin, facts.serial);
+                self.state.connected(skin, facts.serial, now)
+            }
+            Incoming::Skin(skin, Event::Lost(why)) => {
+                self.notice(Some(skin), Notice { level: Severity::Error, text: why, at: now });
+                self.state.fault(skin, UnknownReason::Lost, now)
+            }
+            Incoming::Skin(skin, Event::Notice(notice)) => {
+                self.notice(Some(skin), notice);
+                Vec::new()
+            }
+            Incoming::Skin(_, Event::Done(_) | Event::State(_)) => Vec::new(),
+            Incoming::Ended(skin) => self.ended(skin, now),
+            Incoming::Joints(at, states) => {
+                let given: Vec<(&str, f64)> =
+                    states.name.iter().map(String::as_str).zip(states.position.iter().copied()).collect();
+                let taken = self.state.joints(at, &given);
+                taken.unwrap_or_else(|error| self.joint_notice(error, now));
+                Vec::new()
+            }
+            Incoming::Wrong(error) => {
+                self.joint_notice(error, now);
+                Vec::new()
+            }
+        };
+        self.queue(events);
+    }
+
+    fn joint_notice(&mut self, text: String, at: Timestamp) {
+        if self.joint_notice.is_none_or(|last| last.elapsed() > JOINT_NOTICE) {
+            self.joint_notice = Some(Instant::now());
+            self.notice(None, Notice { level: Severity::Error, text, at });
+        }
+    }
+
+    /// Names the skin to which a device belongs that is on another one's cable.
+    fn report_swap(&mut self, skin: usize, serial: u32) {
+        let skins = self.state.robot().skins();
+        let Some(expected) = skins[skin].serial.filter(|expected| *expected != serial) else { return };
+        let owner = skins.iter().find(|other| other.serial == Some(serial));
+        let whose =
+            owner.map_or_else(|| "of no skin of this robot".into(), |owner| format!("that of `{}`", owner.name));
+        let text =
+            format!("the device has the serial number {serial}, {whose}, in place of {expected}: swap the cables");
+        self.notice(Some(skin), Notice { level: Severity::Error, text, at: clock::now() });
+    }
+
+    fn ended(&mut self, skin: usize, now: Timestamp) -> Vec<RuleEvent> {
+        let reader = &mut self.readers[skin];
+        reader.again = Some(Instant::now() + AGAIN);
+        if let Some((live, forward)) = reader.live.take() {
+            let why = live.take_failure().map_or_else(|| "it is no longer read".into(), |error| error.to_string());
+            // It continues with its baseline.
+            reader.options.state = Some(live.stop());
+            let _ = forward.join();
+            let text = format!("{why}; it is tried again");
+            self.notice(Some(skin), Notice { level: Severity::Error, text, at: now });
+        }
+        self.state.fault(skin, UnknownReason::Unserved, now)
+    }
+
+    fn read_again(&mut self) {
+        for skin in 0..self.readers.len() {
+            if self.readers[skin].again.is_some_and(|again| Instant::now() >= again)
+                && let Err(error) = self.read(skin)
+            {
+                self.notice(Some(skin), Notice { level: Severity::Error, text: error.to_string(), at: clock::now() });
+            }
+        }
+    }
+
+    /// Begins to read a skin.
+    fn read(&mut self, skin: usize) -> Result<(), LiveError> {
+        let reader = &mut self.readers[skin];
+        reader.again = None;
+        let live = match Live::start(Arc::clone(&reader.methods), reader.options.clone()) {
+            Ok(live) => live,
+            Err(
+                error @ (LiveError::Refused { .. }
+                | LiveError::Unreachable { .. }
+                | LiveError::Absent { .. }
+                | LiveError::Lost { .. }
+                | LiveError::Ended { .. }),
+            ) => {
+                reader.again = Some(Instant::now() + AGAIN);
+                let notice = Notice { level: Severity::Error, text: error.to_string(), at: clock::now() };
+                self.notice(Some(skin), notice);
+                let events = self.state.fault(skin, UnknownReason::Unserved, clock::now());
+                self.queue(events);
+                return Ok(());
+            }
+            Err(error) => return Err(error),
+        };
+        let (mailbox, incoming) = (live.shared().subscribe_as("the robot", WAITING), Arc::clone(&self.incoming));
+        let forward = move || {
+            loop {
+                match mailbox.take(AGAIN) {
+                    Popped::Item(event) => incoming.put(Incoming::Skin(skin, event)),
+                    Popped::TimedOut => {}
+                    Popped::Closed => break incoming.put(Incoming::Ended(skin)),
+                }
+            }
+        };
+        let forward = runtime::spawn("dermis-skin", forward);
+        live.begin();
+        self.readers[skin].live = Some((live, forward));
+        Ok(())
+    }
+}
+
+/// Receives joint states.
+fn listen(address: &str, incoming: &Arc<Mailbox<Incoming>>) -> Result<(JoinHandle<()>, Arc<AtomicBool>), LiveError> {
+    let failed = |error: std::io::Error| {
+        let fix = "write joints = \"udp:HOST:PORT\" with an address of this machine and a free port";
+        LiveError::Given(format!("cannot receive joint states at {address}: {error}; {fix}"))
+    };
+    let socket = UdpSocket::bind(address).map_err(failed)?;
+    socket.set_read_timeout(Some(runtime::POLL)).map_err(failed)?;
+    let (incoming, is_stopped) = (Arc::clone(incoming), Arc::new(AtomicBool::new(false)));
+    let stopped = Arc::clone(&is_stopped);
+    let run = move || {
+        let mut datagram = vec![0; DATAGRAM];
+        while !stopped.load(Ordering::Relaxed) {
+            if let Ok(length) = socket.recv(&mut datagram) {
+                incoming.put(joint_states(&datagram[..length], clock::now()));
+            }
+        }
+    };
+    Ok((runtime::spawn("dermis-joints", run), is_stopped))
+}
+
+/// Joint states in a datagram that arrived at a time.
+fn joint_states(datagram: &[u8], arrived: Timestamp) -> Incoming {
+    const SHAPE: &str = r#"send {"stamp_s": 1764200000.5, "name": ["elbow"], "position": [0.1]}"#;
+    let states: JointStates = match serde_json::from_slice(datagram) {
+        Ok(states) => states,
+        Err(error) => return Incoming::Wrong(format!("joint states that cannot be read: {error}; {SHAPE}")),
+    };
+    if states.name.len() != states.position.len() {
+        let (names, positions) = (states.name.len(), states.position.len());
+        return Incoming::Wrong(format!("joint states with {names} names and {positions} positions; {SHAPE}"));
+    }
+    let at = match states.stamp_s {
+        None => arrived,
+        Some(seconds) if (0.0..1e10).contains(&seconds) => Timestamp { unix_ns: (seconds * 1e9).round() as u64 },
+        Some(seconds) => return Incoming::Wrong(format!("joint states of the time {seconds} s: it is since 1970")),
+    };
+    Incoming::Joints(at, states)
+}

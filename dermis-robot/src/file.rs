@@ -1,0 +1,488 @@
+//! The file of a robot: its skins, where they are, and rules.
+
+use crate::kinematics::Kinematics;
+use crate::pose::Pose;
+use dermis::design::{DesignError, SkinDesign, closest_name, explain_toml_error};
+use dermis::files::{MAX_SETTINGS_BYTES, folder_of, read_text_at_most};
+use dermis::geom::Point3;
+use serde::Deserialize;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use toml::Spanned;
+
+/// A robot with its skins, as in its file; see `docs/robot.md`.
+#[derive(Debug, Clone)]
+pub struct Robot {
+    name: String,
+    joints: JointSource,
+    age_s: f64,
+    friction: f64,
+    skins: Vec<WornSkin>,
+    rules: Vec<Rule>,
+    kinematics: Option<Kinematics>,
+    base: usize,
+    needed_joints: Vec<usize>,
+}
+
+/// A skin on a link.
+#[derive(Debug, Clone)]
+pub struct WornSkin {
+    /// Its name, unique on the robot.
+    pub name: String,
+    /// The path of its design, or a shipped name.
+    pub design: String,
+    /// The name of the link that wears it.
+    pub link: String,
+    /// The pose of the design's frame in the link's.
+    pub origin: Pose,
+    /// Where its frames come from: the address of a device.
+    pub source: String,
+    /// The serial number that the device must have.
+    pub serial: Option<u32>,
+    /// Its method: a name, or the folder of a model or calibration.
+    pub method: Option<String>,
+    /// Whether the robot may be touched unnoticed while this skin is unknown.
+    pub required: bool,
+    /// The index of the link in the description.
+    pub(crate) link_index: usize,
+}
+
+/// Where joint states come from.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum JointSource {
+    /// From nowhere, or from the program that feeds the robot.
+    #[default]
+    None,
+    /// Datagrams of JSON that are sent to this address.
+    Udp(String),
+}
+
+/// A condition on skins, whose begin and end are events.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rule {
+    /// Its name.
+    pub name: String,
+    /// The skins that it is about, by index.
+    pub skins: Vec<usize>,
+    /// When it holds.
+    pub when: When,
+    /// What it does while a skin is unknown.
+    pub unknown: OnUnknown,
+    /// How long it must not hold before it ends, s.
+    pub clear_s: f64,
+}
+
+/// When a rule holds.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum When {
+    /// At the first frame that is touched.
+    Touched,
+    /// While there is a contact.
+    Contact,
+    /// While the force of a contact is at least this, N.
+    ForceN(f64),
+}
+
+/// What a rule does while one of its skins is unknown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OnUnknown {
+    /// It holds.
+    #[default]
+    Stop,
+    /// It stays as it was.
+    Keep,
+    /// It does not hold by this skin.
+    Ignore,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RobotFile {
+    name: String,
+    description: Option<Spanned<PathBuf>>,
+    base: Option<Spanned<String>>,
+    #[serde(default = "no_joints")]
+    joints: Spanned<String>,
+    #[serde(default = "default_age_s")]
+    age_s: Spanned<f64>,
+    #[serde(default = "default_friction")]
+    friction: Spanned<f64>,
+    skin: Vec<Spanned<SkinTable>>,
+    #[serde(default)]
+    rule: Vec<Spanned<RuleTable>>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SkinTable {
+    name: Spanned<String>,
+    design: Spanned<String>,
+    link: Option<Spanned<String>>,
+    origin: Option<Spanned<OriginTable>>,
+    source: Spanned<String>,
+    serial: Option<u32>,
+    method: Option<String>,
+    #[serde(default = "yes")]
+    required: bool,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct OriginTable {
+    #[serde(default)]
+    xyz_m: Point3,
+    rpy_rad: Option<Point3>,
+    quaternion: Option<[f64; 4]>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RuleTable {
+    name: Spanned<String>,
+    on: Vec<Spanned<String>>,
+    when: Spanned<When>,
+    #[serde(default)]
+    unknown: OnUnknown,
+    #[serde(default = "default_clear_s")]
+    clear_s: Spanned<f64>,
+}
+
+fn yes() -> bool {
+    true
+}
+
+fn no_joints() -> Spanned<String> {
+    Spanned::new(0..0, "none".into())
+}
+
+/// Six frames at 120 Hz.
+fn default_age_s() -> Spanned<f64> {
+    Spanned::new(0..0, 0.05)
+}
+
+fn default_clear_s() -> Spanned<f64> {
+    Spanned::new(0..0, 0.2)
+}
+
+/// Skin, wood and plastics on rubber or fabric have 0.3 to 0.8.
+fn default_friction() -> Spanned<f64> {
+    Spanned::new(0..0, 0.5)
+}
+
+impl Robot {
+    /// From a file. Paths in it are relative to its folder.
+    ///
+    /// # Errors
+    /// A file that cannot be read; a wrong value, with its line and the fix; a design or a robot description that is wrong.
+    pub fn load(path: &Path) -> Result<Self, DesignError> {
+        let text = read_text_at_most(path, MAX_SETTINGS_BYTES)
+            .map_err(|error| DesignError::new(format!("cannot read the robot {}: {error}", path.display()), None))?;
+        let name = path.display().to_string();
+        let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+        Reader { name: &name, text, folder: folder_of(path) }.robot()
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Its skins, in the order of the file.
+    pub fn skins(&self) -> &[WornSkin] {
+        &self.skins
+    }
+
+    /// Its rules, in the order of the file.
+    pub fn rules(&self) -> &[Rule] {
+        &self.rules
+    }
+
+    /// Its links and joints, if it has a description.
+    pub fn kinematics(&self) -> Option<&Kinematics> {
+        self.kinematics.as_ref()
+    }
+
+    /// The name of the link whose frame is the base.
+    pub fn base(&self) -> Option<&str> {
+        self.kinematics.as_ref().map(|kinematics| kinematics.links()[self.base].as_str())
+    }
+
+    pub(crate) fn base_index(&self) -> usize {
+        self.base
+    }
+
+    /// Where joint states come from.
+    pub fn joint_source(&self) -> &JointSource {
+        &self.joints
+    }
+
+    /// Contacts and joint states that are older are unknown, s.
+    pub fn age_s(&self) -> f64 {
+        self.age_s
+    }
+
+    /// The largest coefficient of friction of what touches the robot.
+    pub fn friction(&self) -> f64 {
+        self.friction
+    }
+
+    /// The index of a skin.
+    pub fn skin(&self, name: &str) -> Option<usize> {
+        self.skins.iter().position(|skin| skin.name == name)
+    }
+
+    /// The joints that the pose of some skin depends on, by their place in [`Kinematics::joint_names`].
+    pub fn needed_joints(&self) -> &[usize] {
+        &self.needed_joints
+    }
+}
+
+/// What reads the file, for its errors.
+struct Reader<'a> {
+    name: &'a str,
+    text: &'a str,
+    folder: &'a Path,
+}
+
+impl Reader<'_> {
+    fn error(&self, span: Range<usize>, message: String, fix: Option<&str>) -> DesignError {
+        DesignError {
+            source_text: Some((self.name.into(), self.text.into())),
+            // Defaults have no place in the file.
+            span: Some(span).filter(|span| !span.is_empty()),
+            ..DesignError::new(message, fix.map(String::from))
+        }
+    }
+
+    fn robot(&self) -> Result<Robot, DesignError> {
+        let file: RobotFile = toml::from_str(self.text).map_err(|error| {
+            let (message, fix) = explain_toml_error(error.message());
+            self.error(error.span().unwrap_or_default(), message, fix.as_deref())
+        })?;
+        let description = file.description.as_ref().map(|path| Kinematics::load(&self.folder.join(path.get_ref())));
+        let kinematics = description.transpose()?;
+        let base = match (&file.base, &kinematics) {
+            (Some(base), Some(kinematics)) => self.link(kinematics, base)?,
+            (None, Some(kinematics)) => kinematics.root(),
+            (Some(base), None) => {
+                return Err(self.error(
+                    base.span(),
+                    "a base without a robot description".into(),
+                    Some("write description = \"robot.urdf\""),
+                ));
+            }
+            (None, None) => 0,
+        };
+        let skins: Vec<WornSkin> =
+            file.skin.iter().map(|skin| self.skin(skin, kinematics.as_ref())).collect::<Result<_, _>>()?;
+        self.check_skins(&file.skin)?;
+        let rules = file.rule.iter().map(|rule| self.rule(rule, &skins)).collect::<Result<_, _>>()?;
+        let mut needed_joints: Vec<usize> = kinematics
+            .iter()
+            .flat_map(|kinematics| skins.iter().flat_map(|skin| kinematics.needed(base, skin.link_index)))
+            .collect();
+        needed_joints.sort_unstable();
+        needed_joints.dedup();
+        Ok(Robot {
+            name: file.name,
+            joints: self.joint_source(&file.joints)?,
+            age_s: self.within(&file.age_s, "age_s", 0.001..=10.0)?,
+            friction: self.within(&file.friction, "friction", 0.0..=10.0)?,
+            skins,
+            rules,
+            kinematics,
+            base,
+            needed_joints,
+        })
+    }
+
+    fn within(
+        &self,
+        value: &Spanned<f64>,
+        key: &str,
+        range: std::ops::RangeInclusive<f64>,
+    ) -> Result<f64, DesignError> {
+        let number = *value.get_ref();
+        if range.contains(&number) {
+            return Ok(number);
+        }
+        let fix = format!("from {} to {}", range.start(), range.end());
+        Err(self.error(value.span(), format!("`{key}` is {number}"), Some(&fix)))
+    }
+
+    fn joint_source(&self, joints: &Spanned<String>) -> Result<JointSource, DesignError> {
+        match joints.get_ref().split_once(':') {
+            None if joints.get_ref() == "none" => Ok(JointSource::None),
+            Some(("udp", address)) if address.contains(':') => Ok(JointSource::Udp(address.into())),
+            _ => {
+                let fix = "write \"udp:127.0.0.1:7450\" or \"none\"";
+                Err(self.error(
+                    joints.span(),
+                    format!("`{}` is no source of joint states", joints.get_ref()),
+                    Some(fix),
+                ))
+            }
+        }
+    }
+
+    fn link(&self, kinematics: &Kinematics, name: &Spanned<String>) -> Result<usize, DesignError> {
+        kinematics.link(name.get_ref()).ok_or_else(|| {
+            let near = closest_name(name.get_ref(), kinematics.links().iter().map(String::as_str));
+            let fix =
+                near.map_or("`dermis robot links FILE` lists them".into(), |near| format!("did you mean `{near}`?"));
+            self.error(name.span(), format!("the robot has no link `{}`", name.get_ref()), Some(&fix))
+        })
+    }
+
+    fn skin(&self, table: &Spanned<SkinTable>, kinematics: Option<&Kinematics>) -> Result<WornSkin, DesignError> {
+        let SkinTable { name, design, link, origin, source, serial, method, required } = table.get_ref();
+        if name.get_ref().is_empty() || name.get_ref().contains(['/', '*']) {
+            let fix = "letters, digits and underscores; no `/` and `*`";
+            return Err(self.error(name.span(), format!("`{}` is no name of a skin", name.get_ref()), Some(fix)));
+        }
+        let link_index = match (link, kinematics) {
+            (Some(link), Some(kinematics)) => self.link(kinematics, link)?,
+            (None, Some(_)) => {
+                let fix = "write link = \"...\": `dermis robot links FILE` lists them";
+                return Err(self.error(name.span(), format!("the skin `{}` is on no link", name.get_ref()), Some(fix)));
+            }
+            (_, None) => 0,
+        };
+        let design_path = self.beside(design.get_ref());
+        SkinDesign::load(&design_path).map_err(|error| match &error.source_text {
+            Some(_) => error,
+            None => self.error(design.span(), error.message.clone(), error.fix.as_deref()),
+        })?;
+        let is_folder = |method: &String| method.contains(['/', '\\']);
+        Ok(WornSkin {
+            name: name.get_ref().clone(),
+            design: design_path,
+            link: link.as_ref().map_or_else(|| name.get_ref().clone(), |link| link.get_ref().clone()),
+            origin: origin.as_ref().map_or(Ok(Pose::IDENTITY), |origin| self.origin(origin))?,
+            source: source.get_ref().clone(),
+            serial: *serial,
+            method: method.clone().map(|method| if is_folder(&method) { self.beside(&method) } else { method }),
+            required: *required,
+            link_index,
+        })
+    }
+
+    /// A file of the robot's folder, or the name as it is.
+    fn beside(&self, name: &str) -> String {
+        let path = self.folder.join(name);
+        if path.exists() { path.display().to_string() } else { name.to_string() }
+    }
+
+    fn origin(&self, table: &Spanned<OriginTable>) -> Result<Pose, DesignError> {
+        let OriginTable { xyz_m, rpy_rad, quaternion } = *table.get_ref();
+        let numbers = xyz_m.iter().chain(rpy_rad.iter().flatten());
+        if numbers.clone().any(|number| !number.is_finite()) || xyz_m.iter().any(|part| part.abs() > 10.0) {
+            let fix = "xyz_m in metres, rpy_rad in radians";
+            return Err(self.error(table.span(), "the origin is not on the link".into(), Some(fix)));
+        }
+        match (rpy_rad, quaternion) {
+            (Some(_), Some(_)) => {
+                let fix = "give one of rpy_rad and quaternion";
+                Err(self.error(table.span(), "the origin has two rotations".into(), Some(fix)))
+            }
+            (_, Some(quaternion)) => Pose::from_xyz_quaternion(xyz_m, quaternion).ok_or_else(|| {
+                let length = quaternion.iter().map(|part| part * part).sum::<f64>().sqrt();
+                let fix = "its length must be 1, in the order x, y, z, w";
+                self.error(table.span(), format!("the quaternion has the length {length:.3}"), Some(fix))
+            }),
+            (rpy, None) => Ok(Pose::from_xyz_rpy(xyz_m, rpy.unwrap_or_default())),
+        }
+    }
+
+    /// Refuses skins that share a name or a device.
+    fn check_skins(&self, skins: &[Spanned<SkinTable>]) -> Result<(), DesignError> {
+        if skins.is_empty() {
+            return Err(self.error(0..0, "the robot has no skin".into(), Some("write a [[skin]]")));
+        }
+        for (index, skin) in skins.iter().enumerate() {
+            let SkinTable { name, source, serial, .. } = skin.get_ref();
+            for other in skins[..index].iter().map(Spanned::get_ref) {
+                if other.name.get_ref() == name.get_ref() {
+                    let message = format!("two skins are called `{}`", name.get_ref());
+                    return Err(self.error(name.span(), message, None));
+                }
+                if other.source.get_ref() == source.get_ref() && source.get_ref() != "emulate" {
+                    let message = format!("`{}` and `{}` read one device", other.name.get_ref(), name.get_ref());
+                    return Err(self.error(source.span(), message, Some("each skin has a device of its own")));
+                }
+                if serial.is_some() && other.serial == *serial {
+                    let message = format!("`{}` and `{}` have one serial number", other.name.get_ref(), name.get_ref());
+                    return Err(self.error(skin.span(), message, Some("each device has a serial number of its own")));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn rule(&self, table: &Spanned<RuleTable>, skins: &[WornSkin]) -> Result<Rule, DesignError> {
+        let RuleTable { name, on, when, unknown, clear_s } = table.get_ref();
+        let mut chosen: Vec<usize> = Vec::new();
+        for pattern in on {
+            let found = skins.iter().enumerate().filter(|(_, skin)| matches(pattern.get_ref(), &skin.name));
+            let before = chosen.len();
+            chosen.extend(found.map(|(index, _)| index));
+            if chosen.len() == before {
+                let near = closest_name(pattern.get_ref(), skins.iter().map(|skin| skin.name.as_str()));
+                let fix = near.map(|near| format!("did you mean `{near}`?"));
+                return Err(self.error(
+                    pattern.span(),
+                    format!("no skin is called `{}`", pattern.get_ref()),
+                    fix.as_deref(),
+                ));
+            }
+        }
+        chosen.sort_unstable();
+        chosen.dedup();
+        if chosen.is_empty() {
+            return Err(self.error(
+                name.span(),
+                format!("the rule `{}` is about no skin", name.get_ref()),
+                Some("write on = [\"*\"] for all"),
+            ));
+        }
+        if let When::ForceN(force_n) = when.get_ref()
+            && !(*force_n > 0.0 && force_n.is_finite())
+        {
+            return Err(self.error(when.span(), format!("a force of {force_n} N"), Some("above 0")));
+        }
+        Ok(Rule {
+            name: name.get_ref().clone(),
+            skins: chosen,
+            when: *when.get_ref(),
+            unknown: *unknown,
+            clear_s: self.within(clear_s, "clear_s", 0.0..=60.0)?,
+        })
+    }
+}
+
+/// Whether a name matches a pattern, in which `*` is any text.
+fn matches(pattern: &str, name: &str) -> bool {
+    let Some((before, after)) = pattern.split_once('*') else { return pattern == name };
+    let Some(rest) = name.strip_prefix(before) else { return false };
+    (0..=rest.len()).filter(|&skip| rest.is_char_boundary(skip)).any(|skip| matches(after, &rest[skip..]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::matches;
+
+    #[test]
+    fn stars_are_any_text() {
+        for (pattern, name, expected) in [
+            ("arm", "arm", true),
+            ("arm", "arms", false),
+            ("*", "", true),
+            ("a*m*", "arm_1", true),
+            ("*_b", "arm_a", false),
+        ] {
+            assert_eq!(matches(pattern, name), expected, "{pattern} {name}");
+        }
+    }
+}

@@ -1,0 +1,354 @@
+//! A robot from frame to frame.
+
+use crate::file::{OnUnknown, Robot, When};
+use crate::joints::{JointHistory, JointsAt};
+use crate::kinematics::Posture;
+use crate::snapshot::{
+    Cause, EventKind, JointTorque, RobotContact, RuleEvent, SkinSnapshot, Snapshot, UnknownReason, Zone,
+};
+use crate::wrench::Wrench;
+use dermis::geom::vector::norm;
+use dermis::pipeline::{PipelineFrame, Timestamp, TrackedContact, Validity};
+use std::sync::Arc;
+
+/// A robot from frame to frame: the newest frame of each skin, joint states, rules. It has no clock, no threads and no input or
+/// output: the same calls give the same results.
+#[derive(Debug, Clone)]
+pub struct RobotState {
+    robot: Arc<Robot>,
+    joints: JointHistory,
+    skins: Vec<SkinState>,
+    rules: Vec<RuleState>,
+}
+
+/// What is known of a skin.
+#[derive(Debug, Clone, Default)]
+struct SkinState {
+    frame: Option<Arc<SkinFrame>>,
+    /// Why it is unknown whatever its last frame says.
+    fault: Option<UnknownReason>,
+}
+
+/// The part of a frame that a robot uses.
+#[derive(Debug)]
+struct SkinFrame {
+    measured_at: Timestamp,
+    zone: Zone,
+    contacts: Vec<TrackedContact>,
+    rate_hz: f64,
+    serial: Option<u32>,
+}
+
+/// Whether a rule holds.
+#[derive(Debug, Clone, Default)]
+struct RuleState {
+    cause: Option<Cause>,
+    /// Since when it has not held.
+    clear_since: Option<Timestamp>,
+    /// For each of its skins, whether it held by that skin when the skin was last known.
+    held: Vec<bool>,
+}
+
+/// What a skin says to a rule.
+enum Says {
+    Holds,
+    Clear,
+    Unknown(Option<UnknownReason>),
+}
+
+impl RobotState {
+    /// A robot of which nothing is known.
+    pub fn new(robot: Arc<Robot>) -> Self {
+        let absent = || SkinState { frame: None, fault: Some(UnknownReason::Absent) };
+        let skins = robot.skins().iter().map(|_| absent()).collect();
+        let rule = |rule: &crate::file::Rule| RuleState { held: vec![false; rule.skins.len()], ..RuleState::default() };
+        let rules = robot.rules().iter().map(rule).collect();
+        RobotState { robot, joints: JointHistory::default(), skins, rules }
+    }
+
+    /// The robot.
+    pub fn robot(&self) -> &Arc<Robot> {
+        &self.robot
+    }
+
+    /// Takes positions of joints by name, rad or m, measured at a time.
+    ///
+    /// # Errors
+    /// A position that is not finite; joint states without a joint that a skin depends on; times that do not increase; a joint
+    /// that has moved much faster than it can. Such states are not used.
+    pub fn joints(&mut self, at: Timestamp, positions: &[(&str, f64)]) -> Result<(), String> {
+        self.joints.add(&self.robot, at, positions)
+    }
+
+    /// Takes a frame of a skin, by index; returns the rules that begin or end by it.
+    ///
+    /// # Panics
+    /// If the robot has no such skin.
+    pub fn frame(&mut self, skin: usize, frame: &PipelineFrame, now: Timestamp) -> Vec<RuleEvent> {
+        if let Validity::Stale { .. } = frame.validity {
+            self.skins[skin].fault.get_or_insert(UnknownReason::Late);
+            return self.apply_rules(now, now);
+        }
+        let unknown = |reason| Zone::Unknown { reason };
+        let zone = match (&frame.validity, frame.touched) {
+            (Validity::Invalid { reason }, _) => unknown(UnknownReason::Invalid(*reason)),
+            (_, None) => unknown(UnknownReason::Late),
+            (_, Some(true)) => Zone::Touched,
+            (_, Some(false)) => Zone::Clear,
+        };
+        let contacts = if let Zone::Unknown { .. } = zone { Vec::new() } else { frame.contacts.clone() };
+        let (measured_at, rate_hz) = (frame.measured_at, frame.health.rate_hz);
+        let serial = frame.health.device_serial.map(u32::from);
+        let state = &mut self.skins[skin];
+        state.frame = Some(Arc::new(SkinFrame { measured_at, zone, contacts, rate_hz, serial }));
+        // Another device stays another one until it is replaced.
+        state.fault = state.fault.filter(|fault| *fault == UnknownReason::OtherDevice);
+        self.apply_rules(measured_at, now)
+    }
+
+    /// A device of a skin is there, with its serial number; 0 if it has none.
+    pub fn connected(&mut self, skin: usize, serial: u32, now: Timestamp) -> Vec<RuleEvent> {
+        let is_other = self.robot.skins()[skin].serial.is_some_and(|expected| expected != serial);
+        let state = &mut self.skins[skin];
+        // Frames of the device before say nothing of this one.
+        state.frame = None;
+        state.fault = Some(if is_other { UnknownReason::OtherDevice } else { UnknownReason::Absent });
+        self.apply_rules(now, now)
+    }
+
+    /// A skin cannot be read until its next frame.
+    pub fn fault(&mut self, skin: usize, reason: UnknownReason, now: Timestamp) -> Vec<RuleEvent> {
+        let state = &mut self.skins[skin];
+        state.fault = Some(state.fault.filter(|fault| *fault == UnknownReason::OtherDevice).unwrap_or(reason));
+        self.apply_rules(now, now)
+    }
+
+    /// Time passes: frames become too old, rules end. To be called several times in `age_s`.
+    pub fn tick(&mut self, now: Timestamp) -> Vec<RuleEvent> {
+        self.apply_rules(now, now)
+    }
+
+    /// Whether a skin is touched.
+    pub fn zone(&self, skin: usize, now: Timestamp) -> Zone {
+        let SkinState { frame, fault } = &self.skins[skin];
+        match (fault, frame) {
+            (Some(reason), _) => Zone::Unknown { reason: *reason },
+            (None, None) => Zone::Unknown { reason: UnknownReason::Absent },
+            (None, Some(frame)) => match frame.zone {
+                Zone::Unknown { .. } => frame.zone,
+                _ if now.seconds_since(frame.measured_at).abs() > self.robot.age_s() => {
+                    Zone::Unknown { reason: UnknownReason::Late }
+                }
+                zone => zone,
+            },
+        }
+    }
+
+    /// Whether any skin is touched; `None` if none is, but a required one is unknown.
+    pub fn touched(&self, now: Timestamp) -> Option<bool> {
+        let mut zones = (0..self.skins.len()).map(|skin| self.zone(skin, now));
+        if zones.any(|zone| zone == Zone::Touched) {
+            return Some(true);
+        }
+        self.is_complete(now).then_some(false)
+    }
+
+    /// Whether every required skin is known, and at least one skin.
+    pub fn is_complete(&self, now: Timestamp) -> bool {
+        let is_known = |skin: usize| !matches!(self.zone(skin, now), Zone::Unknown { .. });
+        let mut skins = self.robot.skins().iter().enumerate();
+        skins.all(|(skin, worn)| is_known(skin) || !worn.required) && (0..self.skins.len()).any(is_known)
+    }
+
+    /// What a skin says to a condition.
+    fn says(&self, skin: usize, when: When, now: Timestamp) -> Says {
+        let zone = self.zone(skin, now);
+        let contacts = self.skins[skin].frame.as_ref().map_or(&[][..], |frame| frame.contacts.as_slice());
+        let holds = |holds: bool| if holds { Says::Holds } else { Says::Clear };
+        match (zone, when) {
+            (Zone::Unknown { reason }, _) => Says::Unknown(Some(reason)),
+            (zone, When::Touched) => holds(zone == Zone::Touched),
+            (_, When::Contact) => holds(!contacts.is_empty()),
+            (_, When::ForceN(force_n)) => {
+                let mut forces = contacts.iter().map(|tracked| tracked.contact.force_n);
+                if forces.clone().any(|force| force >= force_n) {
+                    Says::Holds
+                } else if forces.any(f64::is_nan) {
+                    Says::Unknown(None)
+                } else {
+                    Says::Clear
+                }
+            }
+        }
+    }
+
+    /// Finds the rules that begin or end.
+    fn apply_rules(&mut self, measured_at: Timestamp, now: Timestamp) -> Vec<RuleEvent> {
+        let mut events = Vec::new();
+        let robot = Arc::clone(&self.robot);
+        for (index, rule) in robot.rules().iter().enumerate() {
+            let mut cause: Option<Cause> = None;
+            for (place, &skin) in rule.skins.iter().enumerate() {
+                let name = || robot.skins()[skin].name.clone();
+                let says = self.says(skin, rule.when, now);
+                let held = &mut self.rules[index].held[place];
+                let found = match (says, rule.unknown) {
+                    (Says::Holds, _) => Some(Cause::Touched { skin: name() }),
+                    (Says::Unknown(reason), OnUnknown::Stop) => Some(Cause::Unknown { skin: name(), reason }),
+                    (Says::Unknown(reason), OnUnknown::Keep) => {
+                        cause = cause.or_else(|| held.then(|| Cause::Unknown { skin: name(), reason }));
+                        continue;
+                    }
+                    (Says::Clear | Says::Unknown(_), _) => None,
+                };
+                *held = matches!(found, Some(Cause::Touched { .. }));
+                // A touch is the better reason.
+                cause = if *held { found } else { cause.or(found) };
+            }
+            let RuleState { cause: active, clear_since, .. } = &mut self.rules[index];
+            let event = |event, cause| RuleEvent { rule: rule.name.clone(), event, cause, measured_at, at: now };
+            match (cause, &active) {
+                (Some(cause), None) => {
+                    events.push(event(EventKind::Begins, cause.clone()));
+                    (*active, *clear_since) = (Some(cause), None);
+                }
+                (Some(cause), Some(_)) => (*active, *clear_since) = (Some(cause), None),
+                (None, Some(_)) => {
+                    let since = *clear_since.get_or_insert(now);
+                    if now.seconds_since(since) >= rule.clear_s {
+                        events.extend(active.take().map(|cause| event(EventKind::Ends, cause)));
+                    }
+                }
+                (None, None) => {}
+            }
+        }
+        events
+    }
+
+    /// What is known now.
+    pub fn snapshot(&self, now: Timestamp) -> Snapshot {
+        let robot = &self.robot;
+        let mut links: Vec<Wrench> = Vec::new();
+        let (mut skins, mut contacts, mut unknown) = (Vec::new(), Vec::new(), Vec::new());
+        let mut torques = Some(vec![(0.0, 0.0); robot.kinematics().map_or(0, |known| known.movable().len())]);
+        for (index, worn) in robot.skins().iter().enumerate() {
+            let (zone, frame) = (self.zone(index, now), self.skins[index].frame.as_deref());
+            skins.push(SkinSnapshot {
+                skin: worn.name.clone(),
+                link: worn.link.clone(),
+                zone,
+                age_s: frame.map(|frame| now.seconds_since(frame.measured_at)),
+                rate_hz: frame.map(|frame| frame.rate_hz),
+                device_serial: frame.and_then(|frame| frame.serial),
+            });
+            let mut of_skin = Wrench::zero(&worn.link);
+            match (zone, frame) {
+                (Zone::Clear | Zone::Touched, Some(frame)) => {
+                    contacts.extend(self.contacts_of(index, frame));
+                    for tracked in &frame.contacts {
+                        if !of_skin.add(&tracked.contact, &worn.origin, robot.friction()) {
+                            of_skin.lacks(&worn.name);
+                        }
+                    }
+                    // A touch without a contact has a force that is not known yet.
+                    if zone == Zone::Touched && frame.contacts.is_empty() {
+                        of_skin.lacks(&worn.name);
+                    }
+                    torques = torques
+                        .filter(|_| of_skin.complete)
+                        .and_then(|sum| self.with_torques(sum, index, frame, &of_skin));
+                }
+                _ => {
+                    unknown.push(worn.name.clone());
+                    of_skin.lacks(&worn.name);
+                    torques = None;
+                }
+            }
+            match links.iter_mut().find(|wrench| wrench.link == worn.link) {
+                Some(wrench) => wrench.join(of_skin),
+                None => links.push(of_skin),
+            }
+        }
+        let rules = robot.rules().iter().zip(&self.rules);
+        Snapshot {
+            robot: robot.name().into(),
+            at: now,
+            base: robot.base().map(String::from),
+            touched: self.touched(now),
+            complete: self.is_complete(now),
+            unknown,
+            skins,
+            contacts,
+            wrenches: links,
+            joint_torques: torques.zip(robot.kinematics()).map(|(torques, kinematics)| {
+                let of = |(torque_n_m, variance): (f64, f64)| JointTorque { torque_n_m, sd_n_m: variance.sqrt() };
+                kinematics.joint_names().map(String::from).zip(torques.into_iter().map(of)).collect()
+            }),
+            rules: rules.filter_map(|(rule, state)| Some((rule.name.clone(), state.cause.clone()?))).collect(),
+            joints_age_s: self.joints.newest().map(|at| now.seconds_since(at)),
+        }
+    }
+
+    /// The joints when a frame was measured, and the robot then.
+    fn posture(&self, frame: &SkinFrame) -> Option<(JointsAt, Posture<'_>)> {
+        let kinematics = self.robot.kinematics()?;
+        if self.robot.needed_joints().is_empty() {
+            // No joint matters: all skins are fixed to the base.
+            let count = kinematics.movable().len();
+            let joints = JointsAt { positions: vec![f64::NAN; count], speeds: vec![0.0; count], gap_s: 0.0 };
+            return Some((joints, kinematics.posture(&vec![f64::NAN; count])));
+        }
+        let joints = self.joints.at(kinematics, frame.measured_at, self.robot.age_s())?;
+        let posture = kinematics.posture(&joints.positions);
+        Some((joints, posture))
+    }
+
+    fn contacts_of(&self, skin: usize, frame: &SkinFrame) -> impl Iterator<Item = RobotContact> {
+        let worn = &self.robot.skins()[skin];
+        let (base, link) = (self.robot.base_index(), worn.link_index);
+        let at = self.posture(frame);
+        frame.contacts.iter().map(move |tracked| {
+            let contact = &tracked.contact;
+            let position_link_m = worn.origin.point(contact.position_m);
+            let normal_link = worn.origin.vector(contact.normal);
+            let pose = at.as_ref().and_then(|(_, posture)| posture.pose(base, link));
+            let moved_m = at.as_ref().and_then(|(joints, posture)| {
+                let jacobian = posture.jacobian(base, link, position_link_m)?;
+                // Joints that are not known do not move this link.
+                let speeds: Vec<f64> =
+                    joints.speeds.iter().map(|speed| if speed.is_nan() { 0.0 } else { *speed }).collect();
+                let along =
+                    |row: usize| (0..jacobian.columns).map(|joint| jacobian.at(row, joint) * speeds[joint]).sum();
+                Some(norm([0, 1, 2].map(along)) * joints.gap_s)
+            });
+            RobotContact {
+                skin: worn.name.clone(),
+                link: worn.link.clone(),
+                contact: tracked.clone(),
+                position_link_m,
+                normal_link,
+                position_base_m: pose.map(|pose| pose.point(position_link_m)),
+                normal_base: pose.map(|pose| pose.vector(normal_link)),
+                sd_base_m: moved_m.filter(|_| contact.sd_m.is_finite()).map(|moved_m| contact.sd_m.hypot(moved_m)),
+            }
+        })
+    }
+
+    /// The torques with those of a skin's wrench; `None` if its pose is unknown.
+    fn with_torques(
+        &self,
+        mut sum: Vec<(f64, f64)>,
+        skin: usize,
+        frame: &SkinFrame,
+        wrench: &Wrench,
+    ) -> Option<Vec<(f64, f64)>> {
+        let (base, link) = (self.robot.base_index(), self.robot.skins()[skin].link_index);
+        let (_, posture) = self.posture(frame)?;
+        let pose = posture.pose(base, link)?;
+        let jacobian = posture.jacobian(base, link, [0.0; 3])?;
+        for ((torque, variance), (more, spread)) in sum.iter_mut().zip(wrench.torques(&jacobian, &pose)) {
+            (*torque, *variance) = (*torque + more, *variance + spread);
+        }
+        Some(sum)
+    }
+}

@@ -1,0 +1,1 @@
+//! Kinematics against exact solutions, finite differences and an independent program.
