@@ -6,7 +6,7 @@ use serde::Serialize;
 /// A command of the program.
 #[derive(Debug, Clone, Serialize)]
 pub struct DescribedCommand {
-    /// Its name, as on the command line.
+    /// Its name, as on the command line; two words as in `robot check`.
     pub name: String,
     /// What it does.
     pub about: String,
@@ -35,7 +35,20 @@ pub struct DescribedArgument {
 }
 
 impl DescribedCommand {
-    pub(crate) fn of(command: &Command) -> Self {
+    /// A command, or each of its own commands, as in `robot check`.
+    pub(crate) fn all_of(command: &Command) -> Vec<Self> {
+        let mut own = command.get_subcommands().filter(|own| own.get_name() != "help").peekable();
+        if own.peek().is_none() {
+            return vec![Self::of(command)];
+        }
+        let named = |own: &Command| {
+            let described = Self::of(own);
+            DescribedCommand { name: format!("{} {}", command.get_name(), described.name), ..described }
+        };
+        own.map(named).collect()
+    }
+
+    fn of(command: &Command) -> Self {
         let is_help = |argument: &Arg| matches!(argument.get_action(), ArgAction::Help | ArgAction::HelpLong);
         let is_own = |argument: &&Arg| !is_help(argument) && !argument.is_global_set();
         DescribedCommand {

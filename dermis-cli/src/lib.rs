@@ -95,7 +95,11 @@ fn parsed(arguments: impl IntoIterator<Item = OsString>) -> Result<Arguments, cl
 pub fn commands() -> Vec<DescribedCommand> {
     let mut program = program();
     program.build();
-    program.get_subcommands().filter(|command| command.get_name() != "help").map(DescribedCommand::of).collect()
+    program
+        .get_subcommands()
+        .filter(|command| command.get_name() != "help")
+        .flat_map(DescribedCommand::all_of)
+        .collect()
 }
 
 /// Runs the program with its arguments, the first of which is its name; returns the exit code. Help and wrong arguments

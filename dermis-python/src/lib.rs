@@ -17,6 +17,7 @@ mod method;
 mod model;
 mod picture;
 mod pipeline;
+mod robot;
 mod samples;
 mod simulation;
 mod skin;
@@ -46,6 +47,8 @@ mod _dermis {
     use super::model::shipped_model;
     #[pymodule_export]
     use super::pipeline::{Frame, Live, Pipeline, Replay};
+    #[pymodule_export]
+    use super::robot::Robot;
     #[pymodule_export]
     use super::samples::{Dataset, Samples};
     #[pymodule_export]

@@ -38,6 +38,12 @@ pub struct Frame {
     frame: PipelineFrame,
 }
 
+impl Frame {
+    pub(crate) fn frame(&self) -> &PipelineFrame {
+        &self.frame
+    }
+}
+
 #[pymethods]
 impl Frame {
     /// Its number.

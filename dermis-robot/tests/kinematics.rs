@@ -1,1 +1,105 @@
-//! Kinematics against exact solutions, finite differences and an independent program.
+//! Kinematics against exact solutions and finite differences. The Python package compares them with MuJoCo.
+
+use dermis_robot::{Kinematics, Pose};
+
+/// Two links of 0.3 and 0.2 m that turn about z, a slide along their end, and a gripper whose second finger follows the first.
+const ARM: &str = r#"<robot name="arm">
+  <link name="base"/><link name="upper"/><link name="lower"/><link name="slide"/><link name="left"/><link name="right"/>
+  <link name="cart"/>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 2"/></joint>
+  <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/><origin xyz="0.3 0 0"/><axis xyz="0 0 1"/></joint>
+  <joint name="rail" type="prismatic"><parent link="lower"/><child link="slide"/><origin xyz="0.2 0 0" rpy="0 0.4 0.1"/></joint>
+  <joint name="grip" type="revolute"><parent link="slide"/><child link="left"/><origin xyz="0 0.02 0"/><axis xyz="0 0.6 0.8"/></joint>
+  <joint name="follow" type="revolute"><parent link="slide"/><child link="right"/><origin xyz="0 -0.02 0"/>
+    <axis xyz="0 0.6 0.8"/><mimic joint="grip" multiplier="-0.5" offset="0.1"/></joint>
+  <joint name="free" type="floating"><parent link="base"/><child link="cart"/></joint>
+</robot>"#;
+
+fn arm() -> Kinematics {
+    Kinematics::parse(ARM, "arm.urdf").unwrap()
+}
+
+fn link(arm: &Kinematics, name: &str) -> usize {
+    arm.link(name).unwrap()
+}
+
+#[test]
+fn a_planar_arm_is_where_trigonometry_puts_it() {
+    let (arm, [a, b]) = (arm(), [0.4_f64, -1.1]);
+    assert_eq!(arm.joint_names().collect::<Vec<_>>(), ["shoulder", "elbow", "rail", "grip"]);
+    let posture = arm.posture(&[a, b, f64::NAN, f64::NAN]);
+    let [base, lower] = [link(&arm, "base"), link(&arm, "lower")];
+    let point = [0.2, 0.0, 0.0];
+    let [x, y, z] = posture.pose(base, lower).unwrap().point(point);
+    let expected = [0.3 * a.cos() + 0.2 * (a + b).cos(), 0.3 * a.sin() + 0.2 * (a + b).sin()];
+    assert!((x - expected[0]).abs() < 1e-15 && (y - expected[1]).abs() < 1e-15 && z == 0.0);
+    let jacobian = posture.jacobian(base, lower, point).unwrap();
+    let columns = [[-expected[1], expected[0]], [-0.2 * (a + b).sin(), 0.2 * (a + b).cos()]];
+    for (joint, column) in columns.into_iter().enumerate() {
+        assert!((0..2).all(|row| (jacobian.at(row, joint) - column[row]).abs() < 1e-15));
+        assert_eq!([3, 4, 5].map(|row| jacobian.at(row, joint)), [0.0, 0.0, 1.0]);
+    }
+    assert!((0..6).all(|row| jacobian.at(row, 2) == 0.0), "the rail does not move the lower link");
+    // The slide depends on a joint that is not known, the cart on none.
+    assert!(posture.pose(base, link(&arm, "slide")).is_none());
+    assert!(posture.pose(base, link(&arm, "cart")).is_none());
+}
+
+/// The Jacobian between any two links is the difference quotient of the pose, in both directions through the tree.
+#[test]
+fn jacobians_are_those_of_differences() {
+    const STEP: f64 = 1e-6;
+    let arm = arm();
+    let positions = [0.3, -0.8, 0.05, 0.4];
+    let point = [0.03, -0.02, 0.01];
+    for [base, of] in [["base", "right"], ["right", "left"], ["left", "base"], ["slide", "upper"], ["base", "left"]] {
+        let [base, of] = [base, of].map(|name| link(&arm, name));
+        let pose = |joint: usize, step: f64| -> Pose {
+            let mut moved = positions;
+            moved[joint] += step;
+            arm.posture(&moved).pose(base, of).unwrap()
+        };
+        let jacobian = arm.posture(&positions).jacobian(base, of, point).unwrap();
+        for joint in 0..4 {
+            let [low, high] = [-STEP, STEP].map(|step| pose(joint, step));
+            let [p, q] = [low, high].map(|pose| pose.point(point));
+            // The angular velocity is the axis of R(high) R(low)'.
+            let turn = Pose { translation_m: [0.0; 3], ..high }
+                .after(&Pose { translation_m: [0.0; 3], ..low }.inverse())
+                .rotation;
+            let axis = [turn[2][1] - turn[1][2], turn[0][2] - turn[2][0], turn[1][0] - turn[0][1]];
+            for row in 0..3 {
+                let linear = (q[row] - p[row]) / (2.0 * STEP);
+                let angular = axis[row] / (4.0 * STEP);
+                assert!((jacobian.at(row, joint) - linear).abs() < 1e-8, "{joint} {row}");
+                assert!((jacobian.at(3 + row, joint) - angular).abs() < 1e-8, "{joint} {row}");
+            }
+        }
+    }
+}
+
+#[test]
+fn wrong_descriptions_are_named_with_the_line() {
+    let wrong = |from: &str, to: &str| {
+        let text = ARM.replace(from, to);
+        assert_ne!(text, ARM, "{from}");
+        Kinematics::parse(&text, "arm.urdf").unwrap_err().to_string()
+    };
+    for (from, to, expected) in [
+        ("<robot name=\"arm\">", "<mujoco>", "expected"),
+        ("type=\"prismatic\"", "type=\"linear\"", "arm.urdf:6: the joint `rail` has the type `linear`"),
+        ("<parent link=\"upper\"/>", "<parent link=\"uper\"/>", "did you mean `upper`?"),
+        ("<child link=\"lower\"/>", "<child link=\"upper\"/>", "`upper` is the child of two joints"),
+        ("<child link=\"upper\"/>", "<child link=\"base\"/>", "the joints form a cycle"),
+        ("xyz=\"0.3 0 0\"", "xyz=\"300 0 0\"", "lengths in URDF are in metres"),
+        ("xyz=\"0.3 0 0\"", "xyz=\"0.3 0\"", "is not three numbers"),
+        ("xyz=\"0 0 2\"", "xyz=\"0 0 0\"", "has no direction"),
+        ("multiplier=\"-0.5\"", "multiplier=\"half\"", "is not a number"),
+        ("mimic joint=\"grip\"", "mimic joint=\"follow\"", "fixed or mimics another"),
+        ("<link name=\"upper\"/>", "<link name=\"upper\"/><link name=\"upper\"/>", "two links are called `upper`"),
+        ("<link name=\"cart\"/>", "<xacro:arm/>", "xacro"),
+    ] {
+        let error = wrong(from, to);
+        assert!(error.contains(expected), "{to}: {error}");
+    }
+}

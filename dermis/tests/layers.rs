@@ -82,6 +82,7 @@ const CRATES: &[(&str, &[&str])] = &[
             "dermis-learn",
             "dermis-live",
             "dermis-plot",
+            "dermis-robot",
             "dermis-sim",
         ],
     ),

@@ -24,7 +24,7 @@ def command(name: str, *arguments: Any, **options: Any) -> Any:
     an interrupt ends the process.
 
     Args:
-        name: Name of the command, as in `dermis --help`.
+        name: Name of the command, as in `dermis --help`; `robot check` has two words.
         *arguments: Positional arguments: names, paths.
         **options: Options by name, with underscores for hyphens; `for_` for `--for`. True gives an option without a value, None and False
             leave it out, a list gives several values. Arrays are written to temporary NPY files.
@@ -68,7 +68,7 @@ def options_of(name: str) -> dict[str, str]:
 
 def words(name: str, arguments: Sequence[Any], options: dict[str, Any], folder: Path) -> list[str]:
     """The command line of a command; arrays are written to files in the folder."""
-    takes, line = options_of(name), [name]
+    takes, line = options_of(name), name.split()
     for key, value in options.items():
         option = key.removesuffix("_").replace("_", "-")
         if option not in takes:

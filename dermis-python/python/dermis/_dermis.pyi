@@ -396,6 +396,96 @@ class Replay:
     def __next__(self) -> Frame: ...
 
 @final
+class Robot:
+    """Several skins on the links of one robot: contacts in its frame, wrenches, joint torques, rules.
+
+    Frames come from a `Pipeline` or `Live` of each skin, joint positions from the robot's controller. What has not been fed for
+    the `age_s` of the file is unknown, never clear.
+
+    Args:
+        path: File of the robot (TOML), as of `dermis robot`.
+
+    Raises:
+        DermisError: A file that is wrong, with the line and the fix.
+    """
+
+    def __new__(cls, path: str | PathLike[str]) -> Self: ...
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def base(self) -> str | None:
+        """The link whose frame is the base; None without a robot description."""
+
+    @property
+    def skins(self) -> dict[str, str]:
+        """The designs of its skins, by name."""
+
+    @property
+    def links(self) -> list[str]:
+        """Its links."""
+
+    @property
+    def joint_names(self) -> list[str]:
+        """The joints that have positions, in the order of the columns of Jacobians."""
+
+    def joints(self, positions: dict[str, float], time_s: float | None = None) -> None:
+        """Takes joint positions, rad or m, by name.
+
+        Args:
+            positions: Every joint between the base and a skin; others may be there.
+            time_s: Time of measurement, s since 1970; now without it.
+
+        Raises:
+            DermisError: A position that is not finite, a joint that is missing or that jumped, a time before the last one.
+        """
+
+    def feed(self, skin: str, frame: Frame, time_s: float | None = None) -> list[dict[str, Any]]:
+        """Takes a frame of a skin; returns the rules that begin or end by it.
+
+        Args:
+            skin: Name of the skin.
+            frame: A frame of its `Pipeline` or `Live`.
+            time_s: The time now, s since 1970; that of the clock without it.
+        """
+
+    def tick(self, time_s: float | None = None) -> list[dict[str, Any]]:
+        """Lets time pass: frames become too old, rules end. Returns the rules that begin or end.
+
+        Args:
+            time_s: The time now, s since 1970; that of the clock without it.
+        """
+
+    def snapshot(self, time_s: float | None = None) -> dict[str, Any]:
+        """What is known now: `touched` (None if unknown), `unknown`, `skins`, `contacts`, `wrenches`, `joint_torques`, `rules`.
+
+        The fields are those of the lines of `dermis robot run --jsonl -`.
+
+        Args:
+            time_s: The time now, s since 1970; that of the clock without it.
+        """
+
+    def pose(self, link: str, positions: dict[str, float]) -> NDArray[np.float64]:
+        """The pose of a link in the base's frame, (4, 4), m.
+
+        Args:
+            link: Name of the link.
+            positions: Positions of joints, rad or m, by name.
+        """
+
+    def jacobian(
+        self, link: str, positions: dict[str, float], point_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> NDArray[np.float64]:
+        """The Jacobian of a point of a link, (6, joints): velocity of the point over angular velocity of the link, in the base's frame.
+
+        Args:
+            link: Name of the link.
+            positions: Positions of joints, rad or m, by name.
+            point_m: The point in the link's frame, m.
+        """
+
+@final
 class Samples:
     """Training samples of a recipe, computed when they are asked for. `Skin.samples` makes one.
 

@@ -21,12 +21,12 @@ _KINDS = {"none": "bool", "several": "list", "repeated": "list"}
 
 
 def __dir__() -> list[str]:
-    return sorted(name.replace("-", "_") for name in described())
+    return sorted(_identifier(name) for name in described())
 
 
 def __getattr__(name: str) -> Callable[..., Any]:
-    of_program = name.replace("_", "-")
-    if of_program not in described():
+    of_program = next((known for known in described() if _identifier(known) == name), None)
+    if of_program is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     function = _function(of_program)
     globals()[name] = function
@@ -52,8 +52,8 @@ def _function(of_program: str) -> Callable[..., Any]:
 
 
 def _identifier(name: str) -> str:
-    """An option's name in Python: `for` is a keyword."""
-    return f"{name.replace('-', '_')}{'_' if name == 'for' else ''}"
+    """The name of an option or command in Python: `for` is a keyword."""
+    return f"{name.replace('-', '_').replace(' ', '_')}{'_' if name == 'for' else ''}"
 
 
 def _parameter(argument: dict[str, Any]) -> Parameter:

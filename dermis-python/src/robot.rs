@@ -1,0 +1,172 @@
+//! `dermis.Robot`: several skins on the links of one robot.
+
+use crate::arrays;
+use crate::failure::{Failure, Outcome};
+use crate::pipeline::Frame;
+use dermis::pipeline::Timestamp;
+use dermis_live::clock;
+use dermis_robot::{Kinematics, Posture, RobotState};
+use pyo3::prelude::*;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+#[doc = stub_doc!(Robot)]
+#[pyclass(frozen, module = "dermis")]
+pub struct Robot {
+    robot: Arc<dermis_robot::Robot>,
+    state: Mutex<RobotState>,
+}
+
+impl Robot {
+    fn state(&self) -> MutexGuard<'_, RobotState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn kinematics(&self) -> Outcome<&Kinematics> {
+        let fix = "write description = \"robot.urdf\" in its file";
+        self.robot.kinematics().ok_or_else(|| Failure::with_hint("the robot has no description", fix))
+    }
+
+    /// The robot at positions by joint, and a link.
+    fn at(&self, link: &str, positions: &BTreeMap<String, f64>) -> Outcome<(Posture<'_>, [usize; 2])> {
+        let kinematics = self.kinematics()?;
+        let unknown = positions.keys().find(|name| kinematics.joint_names().all(|joint| joint != name.as_str()));
+        if let Some(name) = unknown {
+            return Err(Failure::given(format!("the robot has no joint `{name}` with a position of its own")));
+        }
+        let link_of =
+            |name: &str| kinematics.link(name).ok_or_else(|| Failure::given(format!("the robot has no link `{name}`")));
+        let base = link_of(self.robot.base().unwrap_or_default())?;
+        let values: Vec<f64> =
+            kinematics.joint_names().map(|name| positions.get(name).copied().unwrap_or(f64::NAN)).collect();
+        Ok((kinematics.posture(&values), [base, link_of(link)?]))
+    }
+}
+
+#[pymethods]
+impl Robot {
+    #[new]
+    fn new(path: PathBuf) -> Outcome<Self> {
+        let robot = Arc::new(dermis_robot::Robot::load(&path)?);
+        Ok(Robot { state: Mutex::new(RobotState::new(Arc::clone(&robot))), robot })
+    }
+
+    /// Its name.
+    #[getter]
+    fn name(&self) -> &str {
+        self.robot.name()
+    }
+
+    /// The link whose frame is the base; None without a robot description.
+    #[getter]
+    fn base(&self) -> Option<&str> {
+        self.robot.base()
+    }
+
+    /// The designs of its skins, by name.
+    #[getter]
+    fn skins(&self) -> BTreeMap<&str, &str> {
+        self.robot.skins().iter().map(|skin| (skin.name.as_str(), skin.design.as_str())).collect()
+    }
+
+    /// Its links.
+    #[getter]
+    fn links(&self) -> Vec<&str> {
+        self.robot
+            .kinematics()
+            .map_or_else(Vec::new, |kinematics| kinematics.links().iter().map(String::as_str).collect())
+    }
+
+    /// The joints that have positions, in the order of the columns of Jacobians.
+    #[getter]
+    fn joint_names(&self) -> Vec<&str> {
+        self.robot.kinematics().map_or_else(Vec::new, |kinematics| kinematics.joint_names().collect())
+    }
+
+    #[doc = stub_doc!(Robot.joints)]
+    #[pyo3(signature = (positions, time_s=None))]
+    fn joints(&self, positions: BTreeMap<String, f64>, time_s: Option<f64>) -> Outcome<()> {
+        let given: Vec<(&str, f64)> = positions.iter().map(|(name, position)| (name.as_str(), *position)).collect();
+        self.state().joints(time(time_s)?, &given).map_err(Failure::given)
+    }
+
+    #[doc = stub_doc!(Robot.feed)]
+    #[pyo3(signature = (skin, frame, time_s=None))]
+    fn feed<'py>(
+        &self,
+        py: Python<'py>,
+        skin: &str,
+        frame: &Bound<'_, Frame>,
+        time_s: Option<f64>,
+    ) -> Outcome<Bound<'py, PyAny>> {
+        let index = self.robot.skin(skin).ok_or_else(|| {
+            let names: Vec<&str> = self.robot.skins().iter().map(|skin| skin.name.as_str()).collect();
+            Failure::with_hint(format!("the robot has no skin `{skin}`"), &format!("one of {}", names.join(", ")))
+        })?;
+        let events = self.state().frame(index, frame.get().frame(), time(time_s)?);
+        loads(py, &events)
+    }
+
+    #[doc = stub_doc!(Robot.tick)]
+    #[pyo3(signature = (time_s=None))]
+    fn tick<'py>(&self, py: Python<'py>, time_s: Option<f64>) -> Outcome<Bound<'py, PyAny>> {
+        let events = self.state().tick(time(time_s)?);
+        loads(py, &events)
+    }
+
+    #[doc = stub_doc!(Robot.snapshot)]
+    #[pyo3(signature = (time_s=None))]
+    fn snapshot<'py>(&self, py: Python<'py>, time_s: Option<f64>) -> Outcome<Bound<'py, PyAny>> {
+        let snapshot = self.state().snapshot(time(time_s)?);
+        loads(py, &snapshot)
+    }
+
+    #[doc = stub_doc!(Robot.pose)]
+    fn pose<'py>(&self, py: Python<'py>, link: &str, positions: BTreeMap<String, f64>) -> Outcome<Bound<'py, PyAny>> {
+        let (posture, [base, link_index]) = self.at(link, &positions)?;
+        let pose = posture.pose(base, link_index).ok_or_else(|| unknown_pose(link))?;
+        let row = |row: usize| pose.rotation[row].into_iter().chain([pose.translation_m[row]]);
+        let values: Vec<f64> = (0..3).flat_map(row).chain([0.0, 0.0, 0.0, 1.0]).collect();
+        arrays::rows(py, values, &[4, 4], true)
+    }
+
+    #[doc = stub_doc!(Robot.jacobian)]
+    #[pyo3(signature = (link, positions, point_m=[0.0; 3]))]
+    fn jacobian<'py>(
+        &self,
+        py: Python<'py>,
+        link: &str,
+        positions: BTreeMap<String, f64>,
+        point_m: [f64; 3],
+    ) -> Outcome<Bound<'py, PyAny>> {
+        let (posture, [base, link_index]) = self.at(link, &positions)?;
+        let jacobian = posture.jacobian(base, link_index, point_m).ok_or_else(|| unknown_pose(link))?;
+        arrays::rows(py, jacobian.values, &[6, jacobian.columns], true)
+    }
+
+    fn __repr__(&self) -> String {
+        let skins: Vec<&str> = self.robot.skins().iter().map(|skin| skin.name.as_str()).collect();
+        format!("<dermis.Robot {}: {}>", self.robot.name(), skins.join(", "))
+    }
+}
+
+fn unknown_pose(link: &str) -> Failure {
+    let fix = "give the position of every joint between the base and the link";
+    Failure::with_hint(format!("the pose of `{link}` is unknown"), fix)
+}
+
+/// A time since 1970, s; now without it.
+fn time(time_s: Option<f64>) -> Outcome<Timestamp> {
+    let Some(time_s) = time_s else { return Ok(clock::now()) };
+    let since = Duration::try_from_secs_f64(time_s)
+        .map_err(|_| Failure::given(format!("`time_s` is {time_s}: it must be a time since 1970, s")))?;
+    Ok(Timestamp::default().after(since))
+}
+
+fn loads<'py>(py: Python<'py>, value: &impl Serialize) -> Outcome<Bound<'py, PyAny>> {
+    let text = serde_json::to_string(value).map_err(Failure::given)?;
+    Ok(py.import("json")?.call_method1("loads", (text,))?)
+}
