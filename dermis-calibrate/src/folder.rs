@@ -159,6 +159,11 @@ fn read_card<T: DeserializeOwned>(path: &Path, design: &SkinDesign) -> Result<T,
 }
 
 impl Calibration {
+    /// Whether the name of a method is that of a folder with a calibration.
+    pub fn is_named(method: &str) -> bool {
+        dermis::method::is_path(method) && Self::is_folder(Path::new(method))
+    }
+
     /// Whether a folder contains a calibration.
     pub fn is_folder(folder: &Path) -> bool {
         folder.join(CARD).is_file()

@@ -156,17 +156,21 @@ impl Helps {
             let output = Command::new(dermis()).args(arguments).output().expect("the program runs");
             String::from_utf8(output.stdout).expect("UTF-8")
         };
-        let names = crate::workplace::listed_commands(&help(&["--help"])).into_iter();
-        let helps: BTreeMap<_, _> = names.map(|name| (name.clone(), help(&[&name, "--help"]))).collect();
+        let words = |words: &str| help(&words.split(' ').collect::<Vec<_>>());
+        let names = crate::workplace::all_commands(words).into_iter();
+        let helps: BTreeMap<_, _> = names.map(|name| (name.clone(), words(&format!("{name} --help")))).collect();
         assert!(helps.len() > 15, "only {} subcommands found", helps.len());
         Helps(helps)
     }
 
     /// Whether the subcommand and the options of a command line, without `dermis`, exist.
     fn check(&self, words: &[&str]) -> Result<(), String> {
-        let name = *words.first().ok_or("no subcommand")?;
-        let help = self.0.get(name).ok_or_else(|| format!("there is no command `{name}`"))?;
-        let words = words.iter().take_while(|word| !matches!(**word, "#" | "|" | "&&" | ">")).skip(1);
+        // Two words, as in `robot check`, or one.
+        let of =
+            |count: usize| words.get(..count).map(|words| words.join(" ")).and_then(|name| self.0.get_key_value(&name));
+        let named = of(2).or_else(|| of(1));
+        let (name, help) = named.ok_or_else(|| format!("there is no command `{}`", words.join(" ")))?;
+        let words = words.iter().take_while(|word| !matches!(**word, "#" | "|" | "&&" | ">"));
         for option in words.filter_map(|word| word.strip_prefix("--")) {
             let option = option.split('=').next().expect("split gives one").trim_end_matches([',', ')', ']', ';', '.']);
             if !has_option(help, option) {

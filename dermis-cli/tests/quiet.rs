@@ -8,5 +8,6 @@ mod large_files;
 mod live;
 mod mutated_files;
 mod ranges;
+mod robot_live;
 mod rows;
 mod workplace;

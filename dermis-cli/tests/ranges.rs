@@ -1,6 +1,6 @@
 //! Numbers of commands are checked when arguments are read: before any work, with the option, the value and the range.
 
-use crate::workplace::{Workplace, listed_commands};
+use crate::workplace::{Workplace, all_commands};
 use std::time::{Duration, Instant};
 
 /// Reading arguments takes milliseconds; the rest is for a busy machine.
@@ -106,7 +106,7 @@ fn numbers_outside_their_range_are_refused_at_once() {
 #[test]
 fn no_option_with_a_number_is_forgotten() {
     let at = Workplace::empty();
-    let commands = listed_commands(&at.good("--help"));
+    let commands = all_commands(|words| at.good(words));
     assert!(commands.len() > 30, "{commands:?}");
     for name in commands {
         let help = at.good(&format!("{name} -h"));

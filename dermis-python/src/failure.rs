@@ -70,7 +70,8 @@ impl From<PyErr> for Failure {
 impl From<DesignError> for Failure {
     fn from(error: DesignError) -> Self {
         let (hint, line) = (error.fix.clone(), error.line());
-        Failure::Given { message: error.to_string(), hint, line }
+        // The fix is the hint.
+        Failure::Given { message: DesignError { fix: None, ..error }.to_string(), hint, line }
     }
 }
 

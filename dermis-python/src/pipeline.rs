@@ -6,7 +6,7 @@ use crate::failure::{Failure, Outcome};
 use crate::method::method_name;
 use crate::skin::Skin;
 use crate::worker;
-use dermis::method::{MethodSet, is_path};
+use dermis::method::MethodSet;
 use dermis::pipeline::{
     self, Command, FrameInput, Notice, PipelineError, PipelineFrame, Settings, Timestamp, Validity,
 };
@@ -152,7 +152,7 @@ impl Pipeline {
         let method = method_name(skin.py(), method)?;
         let methods = methods(skin.py(), skin.get(), method.as_deref())?;
         let method = method.unwrap_or_default();
-        let force_tare = force || is_calibration(&method);
+        let force_tare = force || Calibration::is_named(&method);
         let settings = Settings { method, threshold, tare_frames, both_signs, force_tare, ..Settings::default() };
         let feed = Mutex::new(Feed { pipeline: pipeline::Pipeline::new(methods, settings)?, next: 0 });
         Ok(Pipeline { feed, skin: skin.get().skin().clone() })
@@ -280,7 +280,7 @@ impl Live {
             };
             let method = method.unwrap_or_default();
             let is_noise_free = || TwinOptions::load(twin).is_ok_and(|twin| twin.electronics.snr_db.is_none());
-            let force_tare = is_calibration(&method) || source == "emulate" && is_noise_free();
+            let force_tare = Calibration::is_named(&method) || source == "emulate" && is_noise_free();
             let settings = Settings { method, threshold, both_signs, force_tare, ..Settings::default() };
             *threads.live() = Some(dermis_live::Live::start(methods, LiveOptions::new(address, settings))?);
             Ok(threads)
@@ -366,11 +366,6 @@ impl Live {
         let excess = notices.len().saturating_sub(MAX_NOTICES);
         notices.drain(..excess);
     }
-}
-
-/// Whether a method is a calibration, which knows the skin as it is: its frames need not be like the model's.
-fn is_calibration(method: &str) -> bool {
-    is_path(method) && Calibration::is_folder(method.as_ref())
 }
 
 /// A simulated device.

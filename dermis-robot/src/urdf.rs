@@ -42,7 +42,8 @@ impl Kinematics {
             let fix = "write `<robot name=\"...\">` around links and joints; MJCF and SDF are other formats";
             return Err(file.error(robot, format!("<{}> is no robot of URDF", robot.tag_name().name()), Some(fix)));
         }
-        if text.contains("<xacro:") {
+        let is_macro = |node: Node<'_, '_>| node.tag_name().namespace().is_some_and(|space| space.contains("xacro"));
+        if robot.descendants().any(is_macro) {
             let fix = "expand it first: xacro FILE.urdf.xacro > FILE.urdf";
             return Err(file.error(robot, "the file has macros of xacro".into(), Some(fix)));
         }
@@ -156,7 +157,7 @@ impl File<'_> {
 
     fn vector(self, node: Option<Node<'_, '_>>, key: &str, default: Point3) -> Result<Point3, DesignError> {
         let Some((node, text)) = node.and_then(|node| Some((node, node.attribute(key)?))) else { return Ok(default) };
-        let numbers: Option<Vec<f64>> = text.split_whitespace().map(|word| finite(word)).collect();
+        let numbers: Option<Vec<f64>> = text.split_whitespace().map(finite).collect();
         let numbers = numbers.and_then(|numbers| <Point3>::try_from(numbers).ok());
         numbers.ok_or_else(|| self.error(node, format!("{key}=\"{text}\" is not three numbers"), None))
     }

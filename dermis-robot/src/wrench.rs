@@ -149,12 +149,10 @@ mod tests {
             }
         }
         let scale_of = |k: usize| wrench.covariance[k][k].sqrt();
-        for row in 0..6 {
-            for column in 0..6 {
-                let error =
-                    (moments[row][column] - wrench.covariance[row][column]) / (scale_of(row) * scale_of(column));
-                assert!(error.abs() < 0.01, "{row} {column}: {error}");
-            }
+        let pairs = moments.iter().flatten().zip(wrench.covariance.iter().flatten());
+        for (place, (drawn, stated)) in pairs.enumerate() {
+            let error = (drawn - stated) / (scale_of(place / 6) * scale_of(place % 6));
+            assert!(error.abs() < 0.01, "{place}: {error}");
         }
     }
 

@@ -4,7 +4,7 @@ use dermis_robot::{Kinematics, Pose};
 
 /// Two links of 0.3 and 0.2 m that turn about z, a slide along their end, and a gripper whose second finger follows the first.
 const ARM: &str = r#"<robot name="arm">
-  <link name="base"/><link name="upper"/><link name="lower"/><link name="slide"/><link name="left"/><link name="right"/>
+  <!-- <xacro:arm/> --><link name="base"/><link name="upper"/><link name="lower"/><link name="slide"/><link name="left"/><link name="right"/>
   <link name="cart"/>
   <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 2"/></joint>
   <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/><origin xyz="0.3 0 0"/><axis xyz="0 0 1"/></joint>
@@ -97,7 +97,11 @@ fn wrong_descriptions_are_named_with_the_line() {
         ("multiplier=\"-0.5\"", "multiplier=\"half\"", "is not a number"),
         ("mimic joint=\"grip\"", "mimic joint=\"follow\"", "fixed or mimics another"),
         ("<link name=\"upper\"/>", "<link name=\"upper\"/><link name=\"upper\"/>", "two links are called `upper`"),
-        ("<link name=\"cart\"/>", "<xacro:arm/>", "xacro"),
+        (
+            "<link name=\"cart\"/>",
+            "<xacro:arm xmlns:xacro=\"http://www.ros.org/wiki/xacro\"/>",
+            "expand it first: xacro FILE.urdf.xacro",
+        ),
     ] {
         let error = wrong(from, to);
         assert!(error.contains(expected), "{to}: {error}");

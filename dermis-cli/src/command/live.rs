@@ -12,7 +12,7 @@ use clap::Args;
 use dermis::design::SkinDesign;
 use dermis::files::read_text_at_most;
 use dermis::frame::write_whole;
-use dermis::method::{MethodSet, is_path};
+use dermis::method::MethodSet;
 use dermis::pipeline::{Command, Settings, Severity, State, Zone};
 use dermis::skin::Skin;
 use dermis::text::{counted, printable};
@@ -191,8 +191,7 @@ impl Arguments {
         let method = self.method.clone().unwrap_or_default();
         let threshold = self.threshold.unwrap_or(1.0);
         // A calibration knows the skin as it is; differences from the untouched skin are noise in a tare.
-        let is_calibration = is_path(&method) && Calibration::is_folder(Path::new(&method));
-        let force_tare = self.force || self.difference || is_calibration || self.source.is_noise_free();
+        let force_tare = self.force || self.difference || Calibration::is_named(&method) || self.source.is_noise_free();
         let both_signs = self.both_signs;
         let settings =
             Settings { method, threshold, zones, both_signs, left_out_electrodes, force_tare, ..Settings::default() };

@@ -101,11 +101,11 @@ pub enum Command {
     ScanTable(scan_table::Arguments),
     /// Write the files of a workshop: base to print, cut patterns, wiring and expected readings, robot description.
     Fabricate(fabricate::Arguments),
-    /// Write a commented design file: a disk, a rectangle, a cylinder, or a body from a mesh file.
+    /// Write a commented design file: a disk, a rectangle, a cylinder, or a body from a mesh file; or the file of a robot.
     New(new::Arguments),
     /// Draw a design, its sensitivity, an image with its contacts, or localisation errors.
     Plot(plot::Arguments),
-    /// Print a JSON schema: design files, twin files, touch scripts or live frames.
+    /// Print a JSON schema: design files, twin files, touch scripts, live frames or robots.
     Schema(schema::Arguments),
     /// Print a completion script for a shell.
     Completions(shell::CompletionArguments),

@@ -1,4 +1,4 @@
-//! `dermis new`: a commented design file.
+//! `dermis new`: a commented design file, or that of a robot.
 
 use crate::console::print;
 use crate::failure::{Failure, Outcome};
@@ -11,9 +11,9 @@ use std::path::PathBuf;
 /// The arguments of `dermis new`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Body of the skin.
+    /// What the file describes.
     body: BodyKind,
-    /// File to write [default: BODY.toml]
+    /// File to write [default: BODY.toml, arm.toml]
     #[arg(short, long)]
     output: Option<PathBuf>,
     /// Electrodes on the rim of a disk [default: 16]
@@ -35,6 +35,8 @@ enum BodyKind {
     Rectangle,
     /// A body from a mesh file: a forearm; its file is written next to the design.
     Mesh,
+    /// A robot with two skins, for `dermis robot`; its description is written next to the file.
+    Robot,
 }
 
 impl BodyKind {
@@ -44,6 +46,7 @@ impl BodyKind {
             BodyKind::Disk => ("disk", include_str!("new/disk.toml")),
             BodyKind::Rectangle => ("rectangle", include_str!("new/rectangle.toml")),
             BodyKind::Mesh => ("mesh", include_str!("new/mesh.toml")),
+            BodyKind::Robot => ("arm", include_str!("new/arm.toml")),
         }
     }
 }
@@ -76,8 +79,10 @@ impl Arguments {
         };
         let path = self.output.unwrap_or_else(|| format!("{name}.toml").into());
         let mut files = vec![(path.clone(), text.as_bytes())];
-        if let BodyKind::Mesh = self.body {
-            files.push((path.with_file_name("forearm.stl"), FOREARM_STL));
+        match self.body {
+            BodyKind::Mesh => files.push((path.with_file_name("forearm.stl"), FOREARM_STL)),
+            BodyKind::Robot => files.push((path.with_file_name("arm.urdf"), include_bytes!("new/arm.urdf"))),
+            BodyKind::Cylinder | BodyKind::Disk | BodyKind::Rectangle => {}
         }
         if let Some((there, _)) = files.iter().find(|(path, _)| !self.force && path.is_file()) {
             let message = format!("{} exists already", there.display());
@@ -86,6 +91,11 @@ impl Arguments {
         for (path, content) in files {
             write_whole(&path, |writer| writer.write_all(content))?;
         }
-        print(&format!("wrote {0}\nnext: dermis plot {0} -o skin.svg\n", path.display()))
+        let path = path.display();
+        let next = match self.body {
+            BodyKind::Robot => format!("dermis robot check {path}"),
+            _ => format!("dermis plot {path} -o skin.svg"),
+        };
+        print(&format!("wrote {path}\nnext: {next}\n"))
     }
 }

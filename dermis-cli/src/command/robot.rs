@@ -8,6 +8,7 @@ use clap::{Args, Subcommand};
 use dermis::design::SkinDesign;
 use dermis::pipeline::Settings;
 use dermis::text::{counted, printable};
+use dermis_calibrate::Calibration;
 use dermis_emulate::emulator::Emulator;
 use dermis_live::device::Address;
 use dermis_live::robot::{RobotLive, RobotOutput, RobotReport, check};
@@ -226,7 +227,11 @@ impl RunArguments {
         } else {
             Address::parse(&worn.source)?
         };
-        let settings = Settings { method: worn.method.clone().unwrap_or_default(), ..Settings::default() };
+        let method = worn.method.clone().unwrap_or_default();
+        // A calibration knows the skin as it is; a twin without noise has equal frames.
+        let is_noise_free = self.emulate && self.emulator.is_noise_free();
+        let force_tare = Calibration::is_named(&method) || is_noise_free;
+        let settings = Settings { method, force_tare, ..Settings::default() };
         Ok(LiveOptions { waits: true, ..LiveOptions::new(address, settings) })
     }
 }

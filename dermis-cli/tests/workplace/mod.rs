@@ -38,6 +38,18 @@ pub fn listed_commands(help: &str) -> Vec<String> {
     names.filter(|name| *name != "dermis").map(str::to_owned).collect()
 }
 
+/// All commands, those of commands too, as in `robot check`; `help` gives the help of a command.
+pub fn all_commands(help: impl Fn(&str) -> String) -> Vec<String> {
+    let own = |name: String| {
+        let text = help(&format!("{name} -h"));
+        let Some((_, rows)) = text.split_once("\nCommands:\n") else { return vec![name] };
+        let rows = rows.split("\n\n").next().unwrap_or_default();
+        let names = listed_commands(rows).into_iter().filter(|own| own != "help");
+        names.map(|own| format!("{name} {own}")).collect()
+    };
+    listed_commands(&help("--help")).into_iter().flat_map(own).collect()
+}
+
 /// A temporary working folder, removed when dropped.
 pub struct Workplace {
     folder: TempDir,

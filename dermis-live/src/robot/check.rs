@@ -6,7 +6,7 @@ use crate::robot::Prepared;
 use dermis::geom::Point3;
 use dermis::geom::vector::distance;
 use dermis::method::{MethodSet, Methods};
-use dermis::pipeline::{FrameInput, Pipeline, Settings, Timestamp};
+use dermis::pipeline::{Command, FrameInput, Pipeline, Settings, Timestamp};
 use dermis_robot::{Robot, WornSkin};
 use serde::Serialize;
 use std::sync::Arc;
@@ -83,9 +83,7 @@ pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotRepo
     let mut prepared = Prepared::new(methods);
     let sets: Vec<Arc<MethodSet>> = robot.skins().iter().map(|worn| prepared.of(worn)).collect::<Result<_, _>>()?;
     let mut skins: Vec<SkinReport> = Vec::new();
-    for (index, (worn, set)) in robot.skins().iter().zip(&sets).enumerate() {
-        let equal = sets[..index].iter().position(|other| Arc::ptr_eq(other, set));
-        let frame_s = equal.map_or_else(|| frame_s(set), |equal| Ok(skins[equal].frame_s))?;
+    for ((worn, set), frame_s) in robot.skins().iter().zip(&sets).zip(frame_times(&sets)?) {
         let skin = set.skin();
         skins.push(SkinReport {
             skin: worn.name.clone(),
@@ -135,28 +133,40 @@ fn places(worn: &WornSkin, set: &MethodSet) -> Vec<Point3> {
     set.skin().pixels().centres_m.iter().map(|place| worn.origin.point(*place)).collect()
 }
 
-/// The median time of a pipeline for a frame, s: of untouched frames of the model with noise.
-fn frame_s(set: &Arc<MethodSet>) -> Result<f64, LiveError> {
-    let untouched = set.skin().untouched()?.clone();
+/// The median time of each pipeline for a frame, s: of untouched frames of the model with noise, all pipelines in turn, as they
+/// share the processor's caches.
+fn frame_times(sets: &[Arc<MethodSet>]) -> Result<Vec<f64>, LiveError> {
     let settings = Settings { force_tare: true, ..Settings::default() };
     let tare = settings.tare_frames as u32;
-    let mut pipeline = Pipeline::new(Arc::clone(set), settings)?;
-    let mut times_s = Vec::new();
+    let pipeline = |set: &Arc<MethodSet>| Pipeline::new(Arc::clone(set), settings.clone());
+    let mut pipelines = sets.iter().map(pipeline).collect::<Result<Vec<_>, _>>()?;
+    let mut times_s = vec![Vec::new(); sets.len()];
     let (begun, mut seed) = (clock::now(), 1_u64);
     for index in 0..tare + TIMED {
-        let mut noisy = |value: &f64| {
-            // A congruential generator (Knuth 1997, 3.3.4): white enough for a time.
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            value * (1.0 + NOISE * ((seed >> 33) as f64 / f64::from(1_u32 << 31) - 0.5))
-        };
-        let values: Vec<f64> = untouched.iter().map(&mut noisy).collect();
+        if index == tare {
+            // Methods that depend on the tare are one for each skin then.
+            std::thread::scope(|scope| {
+                pipelines.iter_mut().for_each(|pipeline| drop(scope.spawn(|| pipeline.command(&Command::Rebuild))));
+            });
+        }
         let measured_at: Timestamp = begun.after(Duration::from_millis(8 * u64::from(index)));
-        let start = Instant::now();
-        pipeline.process(FrameInput::new(u64::from(index), measured_at, values))?;
-        if index >= tare {
-            times_s.push(start.elapsed().as_secs_f64());
+        for (pipeline, times_s) in pipelines.iter_mut().zip(&mut times_s) {
+            let mut noisy = |value: &f64| {
+                // A congruential generator (Knuth 1997, 3.3.4): white enough for a time.
+                seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                value * (1.0 + NOISE * ((seed >> 33) as f64 / f64::from(1_u32 << 31) - 0.5))
+            };
+            let values: Vec<f64> = pipeline.skin().untouched()?.iter().map(&mut noisy).collect();
+            let start = Instant::now();
+            pipeline.process(FrameInput::new(u64::from(index), measured_at, values))?;
+            if index >= tare {
+                times_s.push(start.elapsed().as_secs_f64());
+            }
         }
     }
-    times_s.sort_by(f64::total_cmp);
-    Ok(times_s[times_s.len() / 2])
+    let median = |mut times_s: Vec<f64>| {
+        times_s.sort_by(f64::total_cmp);
+        times_s[times_s.len() / 2]
+    };
+    Ok(times_s.into_iter().map(median).collect())
 }

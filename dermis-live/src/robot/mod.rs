@@ -57,6 +57,8 @@ const DATAGRAM: usize = 1 << 16;
 
 /// What a robot says.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(title = "Dermis robot line"))]
 #[serde(rename_all = "snake_case")]
 pub enum RobotOutput {
     /// A rule begins or ends.
@@ -71,6 +73,14 @@ pub enum RobotOutput {
         /// The message.
         notice: Notice,
     },
+}
+
+impl RobotOutput {
+    /// The JSON schema of a line.
+    #[cfg(feature = "schema")]
+    pub fn json_schema() -> serde_json::Value {
+        schemars::schema_for!(RobotOutput).to_value()
+    }
 }
 
 /// What comes in.

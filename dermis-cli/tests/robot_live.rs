@@ -1,0 +1,148 @@
+//! Several skins on one robot, read live.
+
+use crate::workplace::Workplace;
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Stdio};
+
+/// A robot with the two skins of the template, at addresses.
+fn robot(at: &Workplace, addresses: [&str; 2]) {
+    at.good("new robot -o arm.toml");
+    let text = std::fs::read_to_string(at.path("arm.toml")).unwrap();
+    let text = text.replace("serial:/dev/ttyACM0", addresses[0]).replace("serial:/dev/ttyACM1", addresses[1]);
+    at.write("arm.toml", text);
+}
+
+/// The snapshots and events of a run, and what it said.
+fn run(at: &Workplace, arguments: &str) -> (Vec<Value>, Vec<Value>, String) {
+    let output = at.command(&format!("robot run arm.toml --jsonl - {arguments}")).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    let lines: Vec<Value> =
+        String::from_utf8_lossy(&output.stdout).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let of = |kind: &str| lines.iter().filter_map(|line| line.get(kind).cloned()).collect();
+    (of("snapshot"), of("event"), said)
+}
+
+/// The zones of a skin in turn, without repetitions.
+fn zones(snapshots: &[Value], skin: usize) -> Vec<String> {
+    let zone = |snapshot: &Value| {
+        let skin = &snapshot["skins"][skin];
+        skin["reason"].as_str().or(skin["zone"].as_str()).unwrap().to_string()
+    };
+    let mut zones: Vec<String> = snapshots.iter().map(zone).collect();
+    zones.dedup();
+    zones
+}
+
+/// A device in a process of its own.
+struct Device {
+    process: Child,
+    address: String,
+}
+
+impl Device {
+    fn start(at: &Workplace, arguments: &str) -> Self {
+        let mut process = at
+            .command(&format!("emulate {arguments} --tcp 127.0.0.1:0 --prerender 100"))
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(process.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        Device { process, address: line.trim().to_string() }
+    }
+}
+
+impl Drop for Device {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+#[test]
+fn a_simulated_robot_is_pressed_and_its_contacts_are_in_the_frame_of_the_base() {
+    let at = Workplace::empty();
+    robot(&at, ["tcp:127.0.0.1:1", "tcp:127.0.0.1:2"]);
+    let (snapshots, events, said) = run(&at, "--emulate --touch press --for 6");
+    assert!(snapshots.len() > 150, "{} {said}", snapshots.len());
+    let causes: Vec<&str> = events.iter().map(|event| event["cause"].as_str().unwrap()).collect();
+    assert!(causes[0] == "unknown" && causes.contains(&"touched"), "{causes:?}");
+    let contacts: Vec<&Value> =
+        snapshots.iter().flat_map(|snapshot| snapshot["contacts"].as_array().unwrap()).collect();
+    assert!(!contacts.is_empty(), "{said}");
+    for contact in &contacts {
+        let length = |key: &str| {
+            let place: Vec<f64> = contact[key].as_array().unwrap().iter().map(|part| part.as_f64().unwrap()).collect();
+            place.iter().map(|part| part * part).sum::<f64>().sqrt()
+        };
+        // The arm reaches 0.2 + 0.35 + 0.36 m and a skin's length up.
+        assert!((0.3..1.1).contains(&length("position_base_m")), "{contact}");
+        assert!((length("normal_base") - 1.0).abs() < 1e-9, "{contact}");
+        assert!(contact["sd_base_m"].is_number() && contact["skin"].is_string(), "{contact}");
+    }
+}
+
+#[test]
+fn a_skin_without_a_device_is_unknown_and_the_other_one_is_not() {
+    let at = Workplace::empty();
+    let device = Device::start(&at, "cylinder30");
+    robot(&at, [&device.address, "tcp:127.0.0.1:1"]);
+    let (snapshots, events, said) = run(&at, "--for 5");
+    assert_eq!(zones(&snapshots, 1), ["absent"], "{said}");
+    assert!(zones(&snapshots, 0).contains(&"clear".to_string()), "{:?} {said}", zones(&snapshots, 0));
+    assert!(snapshots.iter().all(|snapshot| snapshot["touched"] != Value::Bool(false)), "{said}");
+    assert_eq!(events.len(), 1, "{events:?}");
+}
+
+#[test]
+fn swapped_cables_are_named() {
+    let at = Workplace::empty();
+    let devices = [Device::start(&at, "skin16 --seed 17"), Device::start(&at, "skin16 --seed 18")];
+    robot(&at, [&devices[1].address, &devices[0].address]);
+    let text = std::fs::read_to_string(at.path("arm.toml")).unwrap().replace("\"cylinder30\"", "\"skin16\"");
+    let text = text
+        .replace("# serial = 17 ", "serial = 17 ")
+        .replace("link = \"hand_link\"", "link = \"hand_link\"\nserial = 18");
+    at.write("arm.toml", text);
+    let (snapshots, _, said) = run(&at, "--for 4");
+    assert!(said.contains("forearm: the device has the serial number 18, that of `palm`, in place of 17"), "{said}");
+    for skin in 0..2 {
+        let zones = zones(&snapshots, skin);
+        assert!(zones.iter().all(|zone| ["absent", "other_device"].contains(&zone.as_str())), "{zones:?}");
+        assert_eq!(zones.last().unwrap(), "other_device");
+    }
+}
+
+#[test]
+fn a_device_that_is_killed_makes_its_skin_unknown_and_a_new_one_brings_it_back() {
+    let at = Workplace::empty();
+    let mut device = Device::start(&at, "skin16 --seed 2");
+    let other = Device::start(&at, "cylinder30");
+    robot(&at, [&other.address, &device.address]);
+    let address = device.address.strip_prefix("tcp:").unwrap().to_string();
+    let stopper = std::thread::spawn(move || {
+        std::thread::sleep(std::time::Duration::from_secs(4));
+        let _ = device.process.kill();
+        let _ = device.process.wait();
+        std::thread::sleep(std::time::Duration::from_millis(1500));
+        let at = Workplace::empty();
+        let mut again =
+            at.command(&format!("emulate skin16 --seed 2 --tcp {address} --prerender 100")).spawn().unwrap();
+        std::thread::sleep(std::time::Duration::from_secs(6));
+        let _ = again.kill();
+        let _ = again.wait();
+    });
+    let (snapshots, events, said) = run(&at, "--for 10");
+    stopper.join().unwrap();
+    let zones = zones(&snapshots, 1);
+    let place =
+        |zone: &str| zones.iter().position(|known| known == zone).unwrap_or_else(|| panic!("{zone}: {zones:?} {said}"));
+    assert!(place("clear") < place("lost"), "{zones:?}");
+    assert_eq!(zones.last().unwrap(), "clear", "{zones:?} {said}");
+    // 0.2 s after the kill it is unknown, and the rule has begun again.
+    let begins = events.iter().filter(|event| event["event"] == "begins").count();
+    assert!(begins >= 2, "{events:?}");
+    assert!(self::zones(&snapshots, 0).iter().all(|zone| zone != "lost"), "{said}");
+}
