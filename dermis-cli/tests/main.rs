@@ -18,6 +18,7 @@ mod pages;
 mod plot_and_demo;
 mod readme;
 mod reproduce;
+mod robot;
 mod shell;
 mod simulate;
 mod train;

@@ -33,6 +33,7 @@ mod file;
 mod joints;
 mod kinematics;
 mod pose;
+mod sleeve;
 mod snapshot;
 mod state;
 mod urdf;
@@ -41,8 +42,10 @@ mod wrench;
 pub use file::{JointSource, OnUnknown, Robot, Rule, When, WornSkin};
 pub use kinematics::{Kinematics, Posture};
 pub use pose::{Pose, Rotation};
+pub use sleeve::{Sleeve, SleeveOptions};
 pub use snapshot::{
     Cause, EventKind, JointTorque, RobotContact, RuleEvent, SkinSnapshot, Snapshot, UnknownReason, Zone,
 };
 pub use state::RobotState;
+pub use urdf::{Shape, link_triangles};
 pub use wrench::Wrench;

@@ -3,11 +3,11 @@
 use crate::kinematics::{Joint, JointKind, Kinematics};
 use crate::pose::Pose;
 use dermis::design::{DesignError, closest_name};
-use dermis::files::read_text_at_most;
+use dermis::files::{folder_of, read_text_at_most};
 use dermis::geom::Point3;
 use dermis::geom::vector::{norm, scale};
 use roxmltree::{Document, Node};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Largest URDF file, bytes.
 const MAX_BYTES: u64 = 64 << 20;
@@ -63,6 +63,79 @@ impl Kinematics {
         let title = robot.attribute("name").unwrap_or_default().to_string();
         Kinematics::new(title, links, joints).map_err(|message| file.error(robot, message, None))
     }
+}
+
+/// What a link looks like.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shape {
+    /// For collisions: coarse, and closed.
+    Collision,
+    /// For pictures.
+    Visual,
+}
+
+/// The triangles of a link, in its frame, m: those of its mesh files, STL, OBJ or PLY.
+///
+/// # Errors
+/// A file that is not URDF; a link that is not there or has no such mesh; a mesh that is not found or cannot be read.
+pub fn link_triangles(urdf: &Path, link: &str, shape: Shape) -> Result<Vec<[Point3; 3]>, DesignError> {
+    let name = urdf.display().to_string();
+    let text = read_text_at_most(urdf, MAX_BYTES)
+        .map_err(|error| DesignError::new(format!("cannot read the robot description {name}: {error}"), None))?;
+    let file = File { name: &name, text: &text };
+    // The links are checked, with all else.
+    let kinematics = Kinematics::parse(&text, &name)?;
+    let document = Document::parse(&text).map_err(|error| DesignError::new(error.to_string(), None))?;
+    let robot = document.root_element();
+    let nodes = robot.children().filter(|node| node.has_tag_name("link"));
+    let node = nodes.into_iter().find(|node| node.attribute("name") == Some(link)).ok_or_else(|| {
+        let near = closest_name(link, kinematics.links().iter().map(String::as_str));
+        let fix = near.map_or("`dermis robot links FILE` lists them".into(), |near| format!("did you mean `{near}`?"));
+        file.error(robot, format!("the robot has no link `{link}`"), Some(&fix))
+    })?;
+    let (tag, other) = match shape {
+        Shape::Collision => ("collision", "visual"),
+        Shape::Visual => ("visual", "collision"),
+    };
+    let mut triangles = Vec::new();
+    for part in node.children().filter(|part| part.has_tag_name(tag)) {
+        let Some(mesh) = part.descendants().find(|node| node.has_tag_name("mesh")) else { continue };
+        let origin = part.children().find(|node| node.has_tag_name("origin"));
+        let pose = origin.map_or(Ok(Pose::IDENTITY), |node| file.origin(node))?;
+        let scales = file.vector(Some(mesh), "scale", [1.0; 3])?;
+        let path = mesh_path(urdf, mesh.attribute("filename").unwrap_or_default()).ok_or_else(|| {
+            let fix = "put the URDF where its package is, or write the path of the mesh from the folder of the URDF";
+            let named = mesh.attribute("filename").unwrap_or_default();
+            file.error(mesh, format!("the mesh `{named}` is not found"), Some(fix))
+        })?;
+        let loaded = dermis::mesh::import::load_triangles(&path, 1.0)
+            .map_err(|error| file.error(mesh, error.to_string(), Some("give an STL file with --mesh")))?;
+        let place = |corner: Point3| pose.point([0, 1, 2].map(|axis| corner[axis] * scales[axis]));
+        triangles.extend(loaded.into_iter().map(|triangle| triangle.map(place)));
+    }
+    if triangles.is_empty() {
+        let fix = format!("try the shape for {other}, or give an STL file with --mesh");
+        return Err(file.error(node, format!("the link `{link}` has no mesh for {tag}"), Some(&fix)));
+    }
+    Ok(triangles)
+}
+
+/// The file of a mesh: `package://NAME/...` is looked for in the folders above the URDF.
+fn mesh_path(urdf: &Path, name: &str) -> Option<PathBuf> {
+    let folder = std::path::absolute(folder_of(urdf)).ok()?;
+    let Some(rest) = name.strip_prefix("package://") else {
+        let path = folder.join(name.strip_prefix("file://").unwrap_or(name));
+        return path.is_file().then_some(path);
+    };
+    let rest = rest.trim_start_matches('/');
+    let (package, inside) = rest.split_once('/')?;
+    folder.ancestors().find_map(|above| {
+        let is_package = above.file_name().is_some_and(|name| name == package);
+        [Some(above.join(rest)), is_package.then(|| above.join(inside))]
+            .into_iter()
+            .flatten()
+            .find(|path| path.is_file())
+    })
 }
 
 fn is_free(joint: Node<'_, '_>) -> bool {

@@ -58,9 +58,10 @@ class WornSkin:
         skin: A `dermis.Skin`.
         model: The `mujoco.MjModel`.
         geom: Name or index of the geom that wears the skin.
-        position: Origin of the skin's frame in the geom's, (3,), m. Without it the middles of both coincide: the origin of
-            a cylinder is its middle in MuJoCo, its lower end in Dermis.
-        rotation: Axes of the skin's frame in the geom's, (3, 3); the same axes without it.
+        position: Origin of the skin's frame in the geom's, (3,), m; of a mesh in the frame of its file, which MuJoCo moves to
+            the middle and the principal axes. Without it the middles of both coincide (the origin of a cylinder is its middle in
+            MuJoCo, its lower end in Dermis), and on a mesh the frames.
+        rotation: Axes of the skin's frame in the same one, (3, 3); the same axes without it.
         merge_m: Largest distance of the contact points of one press from their mean, m.
 
     Raises:
@@ -91,10 +92,18 @@ class WornSkin:
         if self._cells.shape[1] != 3:
             raise DermisError("a worn skin is a surface", hint="give a design whose mesh is of triangles")
         middle = (self._nodes.min(axis=0) + self._nodes.max(axis=0)) / 2
-        self.position = -middle if position is None else np.asarray(position, dtype=float).reshape(3)
+        asset = model.geom_dataid[self.geom] if model.geom_type[self.geom] == mujoco.mjtGeom.mjGEOM_MESH else -1
+        default = np.zeros(3) if asset >= 0 else -middle
+        self.position = default if position is None else np.asarray(position, dtype=float).reshape(3)
         self.rotation = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float).reshape(3, 3)
         if not np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-6):
             raise DermisError("`rotation` is no rotation", hint="give three orthogonal unit vectors")
+        if asset >= 0:
+            axes = np.zeros(9)
+            mujoco.mju_quat2Mat(axes, model.mesh_quat[asset])
+            to_geom = axes.reshape(3, 3).T
+            self.position = to_geom @ (self.position - model.mesh_pos[asset])
+            self.rotation = to_geom @ self.rotation
         self._cells_of_node = [[] for _ in self._nodes]
         for cell, corners in enumerate(self._cells):
             for node in corners:

@@ -76,6 +76,21 @@ def test_penetrating_points_are_moved_to_the_surface(skin):
         assert nearest == pytest.approx(expected, abs=2e-3)
 
 
+def test_on_a_mesh_the_skin_is_in_the_frame_of_its_file(skin):
+    # A tetrahedron whose middle and principal axes are not those of the file.
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><asset><mesh name="m" vertex="0 0 0  0.1 0 0  0 0.2 0  0.02 0.05 0.3"/></asset>
+    <worldbody><body pos="0.5 -0.2 0.1" euler="30 40 50"><geom name="link" type="mesh" mesh="m"/></body></worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    axes = data.xmat[1].reshape(3, 3)
+    worn = WornSkin(skin, model, "link")
+    for point in ([0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.02, 0.05, 0.3]):
+        assert worn.to_world(data, point) == pytest.approx(data.xpos[1] + axes @ point, abs=1e-9)
+    moved = WornSkin(skin, model, "link", position=[0.01, 0.02, 0.03], rotation=[[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    assert moved.to_world(data, [0.1, 0.0, 0.0]) == pytest.approx(data.xpos[1] + axes @ [0.01, 0.12, 0.03], abs=1e-9)
+
+
 def test_the_arm_finds_presses():
     spec = importlib.util.spec_from_file_location("mujoco_arm", EXAMPLE)
     example = importlib.util.module_from_spec(spec)

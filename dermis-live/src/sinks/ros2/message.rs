@@ -2,7 +2,12 @@
 
 use crate::sinks::ros2::Message;
 use dermis::pipeline::Timestamp;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
+
+/// Writes an array of bytes as such, not number by number.
+fn as_bytes<S: Serializer>(bytes: &[u8], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_bytes(bytes)
+}
 
 macro_rules! messages {
     ($($(#[$about:meta])* $name:ident = $type_name:literal { $($(#[$field_about:meta])* $field:ident: $kind:ty,)* })*) => {$(
@@ -68,7 +73,7 @@ messages! {
         /// Its dimensions.
         layout: MultiArrayLayout,
         /// The bytes.
-        #[serde(with = "serde_bytes")]
+        #[serde(serialize_with = "as_bytes")]
         data: Vec<u8>,
     }
     /// A colour; each component from 0 to 1.
@@ -98,7 +103,7 @@ messages! {
         /// Bytes per row.
         step: u32,
         /// The rows.
-        #[serde(with = "serde_bytes")]
+        #[serde(serialize_with = "as_bytes")]
         data: Vec<u8>,
     }
     /// A compressed image; only textures of markers use it, and these are empty here.
@@ -108,7 +113,7 @@ messages! {
         /// The compression format.
         format: String,
         /// The file.
-        #[serde(with = "serde_bytes")]
+        #[serde(serialize_with = "as_bytes")]
         data: Vec<u8>,
     }
     /// A field of each point of a cloud.
@@ -139,7 +144,7 @@ messages! {
         /// Bytes per row.
         row_step: u32,
         /// The points.
-        #[serde(with = "serde_bytes")]
+        #[serde(serialize_with = "as_bytes")]
         data: Vec<u8>,
         /// Whether all points are valid.
         is_dense: bool,
@@ -212,7 +217,7 @@ messages! {
         /// Its name.
         filename: String,
         /// Its contents.
-        #[serde(with = "serde_bytes")]
+        #[serde(serialize_with = "as_bytes")]
         data: Vec<u8>,
     }
     /// An object to draw.

@@ -12,10 +12,12 @@ mod soup;
 mod stl;
 
 use crate::design::{Body, ElectrodeShape, LARGEST_BODY_M, MeshFile, SkinDesign};
-use crate::files::ending;
-use crate::geom::vector::bounding_box;
+use crate::files::{ending, read_at_most};
+use crate::geom::Point3;
+use crate::geom::vector::{self, bounding_box};
 use crate::mesh::{Mesh, MeshError, place};
 use cursor::Problem;
+use soup::Soup;
 use std::path::Path;
 
 pub(crate) use groups::{ELECTRODE, UNGROUPED};
@@ -32,6 +34,21 @@ const LARGEST_FILE: u64 = 256 << 20;
 /// A file that cannot be read, is not of the format of its name, or contains no usable mesh.
 pub fn load(path: &Path, unit_m: f64) -> Result<Mesh, MeshError> {
     Ok(load_counting(&path.into(), unit_m)?.0)
+}
+
+/// The triangles of an STL, OBJ or PLY file as they are, m: shells that meet or overlap, with any orientation.
+///
+/// # Errors
+/// A file that cannot be read, is of another format, or has no triangles.
+pub fn load_triangles(path: &Path, unit_m: f64) -> Result<Vec<[Point3; 3]>, MeshError> {
+    let in_file = |Problem(message)| MeshError::File { path: path.to_path_buf(), message };
+    check_unit(unit_m).map_err(in_file)?;
+    let format = Format::of(path).map_err(in_file)?;
+    let contents =
+        read_at_most(path, LARGEST_FILE).map_err(|source| MeshError::Io { path: path.to_path_buf(), source })?;
+    let soup = format.soup(&contents).and_then(|soup| soup.check().map(|()| soup)).map_err(in_file)?;
+    let corners = |triangle: &[usize; 3]| triangle.map(|corner| vector::scale(soup.points[corner], unit_m));
+    Ok(soup.triangles.iter().map(corners).collect())
 }
 
 /// The number of cells of a Gmsh file with another node order than Dermis uses ([`load`] reorders them): tetrahedra of
@@ -143,13 +160,19 @@ impl Format {
 
     /// The mesh, and the number of reordered cells.
     fn parse(self, bytes: &[u8], unit_m: f64) -> Result<(Mesh, usize), Problem> {
-        let soup = match self {
-            Format::Msh => return groups::mesh(&msh::read(bytes)?, unit_m),
-            Format::Stl => stl::read(bytes)?,
-            Format::Obj => obj::read(bytes)?,
-            Format::Ply => ply::read(bytes)?,
-        };
-        Ok((soup.into_mesh(unit_m)?, 0))
+        match self {
+            Format::Msh => groups::mesh(&msh::read(bytes)?, unit_m),
+            _ => Ok((self.soup(bytes)?.into_mesh(unit_m)?, 0)),
+        }
+    }
+
+    fn soup(self, bytes: &[u8]) -> Result<Soup, Problem> {
+        match self {
+            Format::Msh => Err(Problem("a Gmsh file is no surface of triangles: give STL, OBJ or PLY".into())),
+            Format::Stl => stl::read(bytes),
+            Format::Obj => obj::read(bytes),
+            Format::Ply => ply::read(bytes),
+        }
     }
 }
 

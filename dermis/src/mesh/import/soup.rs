@@ -56,7 +56,7 @@ impl Soup {
         })
     }
 
-    fn check(&self) -> Result<(), Problem> {
+    pub(super) fn check(&self) -> Result<(), Problem> {
         if let Some(at) = self.points.iter().position(|point| point.iter().any(|x| !x.is_finite())) {
             return Err(Problem(format!("vertex {} is at {:?}", at + 1, self.points[at])));
         }
