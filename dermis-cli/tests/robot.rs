@@ -52,7 +52,6 @@ fn a_skin_is_made_around_a_link() {
         ("new link arm.urdf lower_arm --along z:0.5..0.9", "is not on the link"),
         ("new link arm.urdf lower_arm --along q:0.1..0.2", "write AXIS:FROM..TO"),
         ("new link arm.urdf lower_arm --around 90", "write FROM..TO"),
-        ("new link arm.urdf lower_arm --electrodes 256", "mm apart on this link"),
         ("new disk arm.urdf", "a robot description is for links"),
         ("new link none.urdf lower_arm", "cannot read the robot description none.urdf"),
     ] {

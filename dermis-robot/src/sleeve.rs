@@ -434,7 +434,7 @@ mod tests {
         let half = &cylinder(0.04, 0.3)[..40];
         let open = Sleeve::around(half, &SleeveOptions { axis: Some(1), ..options }).unwrap_err().to_string();
         assert!(open.contains("of the link is open there"), "{open}");
-        assert!(refused(SleeveOptions { electrodes: 2000, ..options }).contains("mm apart on this link"));
+        assert!(refused(SleeveOptions { electrodes: 20_000, ..options }).contains("mm apart on this link"));
         assert!(refused(SleeveOptions { around_rad: [1.0, 0.5], ..options }).contains("degrees"));
     }
 }
