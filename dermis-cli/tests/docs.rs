@@ -169,6 +169,12 @@ impl Helps {
         let of =
             |count: usize| words.get(..count).map(|words| words.join(" ")).and_then(|name| self.0.get_key_value(&name));
         let named = of(2).or_else(|| of(1));
+        // A command of commands alone, as `robot`.
+        if let [name] = words
+            && self.0.keys().any(|known| known.split(' ').next() == Some(name))
+        {
+            return Ok(());
+        }
         let (name, help) = named.ok_or_else(|| format!("there is no command `{}`", words.join(" ")))?;
         let words = words.iter().take_while(|word| !matches!(**word, "#" | "|" | "&&" | ">"));
         for option in words.filter_map(|word| word.strip_prefix("--")) {

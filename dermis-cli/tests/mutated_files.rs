@@ -96,6 +96,18 @@ const KINDS: &[Kind] = &[
         &[],
         "optimise ../disk.toml --twin ideal --noise 60 --starts 1 --rounds 0 --moves 1 --state {} -o o.toml",
     ),
+    kind(&["arm.toml"], &["arm.urdf"], "robot run {} --for 0"),
+    kind(&["arm.urdf"], &["plate.stl"], "robot links {}"),
+    kind(
+        &["arm.urdf"],
+        &["plate.stl"],
+        "new link {} base --along x:0.01..0.09 --around 10..170 --electrodes 8 -o out.toml",
+    ),
+    kind(
+        &["plate.stl"],
+        &["arm.urdf"],
+        "new link arm.urdf base --along x:0.01..0.09 --around 10..170 --electrodes 8 -o out.toml",
+    ),
     kind(NET, NET, "export skin16 --method ./net --onnx out.onnx"),
 ];
 
@@ -121,6 +133,18 @@ fn valid() -> Workplace {
     let design = std::fs::read_to_string(at.path("disk.toml")).unwrap();
     at.write("table.toml", design.replace("\"adjacent_undriven\"", "{ table = \"channels.csv\" }"));
     at.good("scan-table disk.toml -o channels.csv");
+    at.write(
+        "arm.urdf",
+        "<robot name=\"arm\"><link name=\"base\"><collision><geometry><mesh filename=\"plate.stl\"/></geometry></collision></link>\
+         <link name=\"hand\"/><joint name=\"wrist\" type=\"revolute\"><parent link=\"base\"/><child link=\"hand\"/>\
+         <origin xyz=\"0 0 0.1\" rpy=\"0 0.5 0\"/><axis xyz=\"0 1 0\"/><limit velocity=\"3\"/></joint></robot>",
+    );
+    at.write(
+        "arm.toml",
+        "name = 'arm'\ndescription = 'arm.urdf'\n[[skin]]\nname = 'palm'\ndesign = '../disk.toml'\nlink = 'hand'\nmethod = 'noser'\n\
+         origin = { xyz_m = [0, 0, 0.01], rpy_rad = [0, 1.5, 0] }\nsource = 'tcp:127.0.0.1:9'\nserial = 3\n[[rule]]\nname = 'stop'\n\
+         on = ['p*']\nwhen = { force_n = 2.0 }\nclear_s = 0.1\n",
+    );
     let search = "--twin ideal --noise 60 --starts 1 --rounds 0 --moves 1";
     at.good(&format!("optimise disk.toml {search} --state starts.json -o optimised.toml"));
     at.write(

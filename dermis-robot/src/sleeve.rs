@@ -243,6 +243,16 @@ impl Grid {
     /// The means of neighbours: a line that bends as the link does, and does not jump at its steps.
     fn smooth_centres(&mut self) {
         let rows = self.centres.len();
+        // Between two shells there is no outline: the middle of the nearest one.
+        let known: Vec<usize> =
+            (0..rows).filter(|&row| self.centres[row].iter().all(|part| part.is_finite())).collect();
+        for row in 0..rows {
+            if let Some(nearest) = known.iter().min_by_key(|known| known.abs_diff(row)) {
+                let place = self.place(row);
+                self.centres[row] = self.centres[*nearest];
+                self.centres[row][self.axis] = place;
+            }
+        }
         for _ in 0..2 * rows {
             let before = self.centres.clone();
             for row in 0..rows {
@@ -342,7 +352,7 @@ fn spread(triangles: &[[Point3; 3]], count: usize, axis: usize, spacing_m: f64) 
             let (sum, weight) = &mut sums[nearest_of(*sample, &places)];
             (*sum, *weight) = (add(*sum, scale(*sample, *area)), *weight + area);
         }
-        for (place, (sum, weight)) in places.iter_mut().zip(sums) {
+        for (place, (sum, weight)) in places.iter_mut().zip(sums).filter(|(_, (_, weight))| *weight > 0.0) {
             *place = scale(sum, 1.0 / weight);
         }
     }
@@ -410,6 +420,14 @@ mod tests {
         let ideal = (2.0 / 3.0_f64.sqrt() * area / 30.0).sqrt();
         assert_eq!(sleeve.electrodes_m.len(), 30);
         assert!((0.75..1.05).contains(&(sleeve.spacing_m / ideal)), "{} {ideal}", sleeve.spacing_m);
+    }
+
+    #[test]
+    fn a_gap_between_two_shells_is_covered() {
+        let far = cylinder(0.04, 0.1).into_iter().map(|triangle| triangle.map(|[x, y, z]| [x, y + 0.12, z]));
+        let link: Vec<_> = cylinder(0.04, 0.1).into_iter().chain(far).collect();
+        let sleeve = Sleeve::around(&link, &SleeveOptions::default()).unwrap();
+        assert!(sleeve.triangles.iter().flatten().all(|[x, _, z]| ((x - 0.2).hypot(*z) - 0.048).abs() < 2e-4));
     }
 
     #[test]

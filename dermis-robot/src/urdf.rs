@@ -11,6 +11,8 @@ use std::path::{Path, PathBuf};
 
 /// Largest URDF file, bytes.
 const MAX_BYTES: u64 = 64 << 20;
+/// Most links: the largest robots have some hundreds.
+const MAX_LINKS: usize = 10_000;
 /// The longest distance between two joints, m: a larger one is in millimetres.
 const MAX_ORIGIN_M: f64 = 20.0;
 
@@ -51,6 +53,13 @@ impl Kinematics {
         let links: Vec<String> = children("link").map(|node| file.name_of(node)).collect::<Result<_, _>>()?;
         if links.is_empty() {
             return Err(file.error(robot, "the robot has no links".into(), None));
+        }
+        if links.len() > MAX_LINKS {
+            return Err(file.error(
+                robot,
+                format!("the robot has {} links: at most {MAX_LINKS} are read", links.len()),
+                None,
+            ));
         }
         let nodes: Vec<Node<'_, '_>> = children("joint").filter(|node| !is_free(*node)).collect();
         let names: Vec<String> = nodes.iter().map(|node| file.name_of(*node)).collect::<Result<_, _>>()?;

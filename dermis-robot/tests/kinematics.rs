@@ -107,3 +107,23 @@ fn wrong_descriptions_are_named_with_the_line() {
         assert!(error.contains(expected), "{to}: {error}");
     }
 }
+
+/// A chain of as many links as are read, and one more.
+#[test]
+fn long_chains_are_read_and_longer_ones_refused() {
+    let chain = |links: usize| {
+        let link = |k: usize| format!("<link name=\"l{k}\"/>");
+        let joint = |k: usize| {
+            let next = k + 1;
+            format!(
+                "<joint name=\"j{k}\" type=\"revolute\"><parent link=\"l{k}\"/><child link=\"l{next}\"/><origin xyz=\"0 0 0.01\"/></joint>"
+            )
+        };
+        let parts: String = (0..links).map(link).chain((0..links - 1).map(joint)).collect();
+        Kinematics::parse(&format!("<robot name=\"chain\">{parts}</robot>"), "chain.urdf")
+    };
+    let robot = chain(2_000).unwrap();
+    let pose = robot.posture(&[0.0; 1_999]).pose(0, 1_999).unwrap();
+    assert!((pose.translation_m[2] - 19.99).abs() < 1e-9);
+    assert!(chain(10_001).unwrap_err().to_string().contains("10001 links: at most 10000"));
+}
