@@ -97,14 +97,14 @@ const KINDS: &[Kind] = &[
         "optimise ../disk.toml --twin ideal --noise 60 --starts 1 --rounds 0 --moves 1 --state {} -o o.toml",
     ),
     kind(&["arm.toml"], &["arm.urdf"], "robot run {} --for 0"),
-    kind(&["arm.urdf"], &["plate.stl"], "robot links {}"),
+    kind(&["arm.urdf"], &["tube.stl"], "robot links {}"),
     kind(
         &["arm.urdf"],
-        &["plate.stl"],
+        &["tube.stl"],
         "new link {} base --along x:0.01..0.09 --around 10..170 --electrodes 8 -o out.toml",
     ),
     kind(
-        &["plate.stl"],
+        &["tube.stl"],
         &["arm.urdf"],
         "new link arm.urdf base --along x:0.01..0.09 --around 10..170 --electrodes 8 -o out.toml",
     ),
@@ -135,7 +135,7 @@ fn valid() -> Workplace {
     at.good("scan-table disk.toml -o channels.csv");
     at.write(
         "arm.urdf",
-        "<robot name=\"arm\"><link name=\"base\"><collision><geometry><mesh filename=\"plate.stl\"/></geometry></collision></link>\
+        "<robot name=\"arm\"><link name=\"base\"><collision><geometry><mesh filename=\"tube.stl\"/></geometry></collision></link>\
          <link name=\"hand\"/><joint name=\"wrist\" type=\"revolute\"><parent link=\"base\"/><child link=\"hand\"/>\
          <origin xyz=\"0 0 0.1\" rpy=\"0 0.5 0\"/><axis xyz=\"0 1 0\"/><limit velocity=\"3\"/></joint></robot>",
     );
@@ -145,6 +145,7 @@ fn valid() -> Workplace {
          origin = { xyz_m = [0, 0, 0.01], rpy_rad = [0, 1.5, 0] }\nsource = 'tcp:127.0.0.1:9'\nserial = 3\n[[rule]]\nname = 'stop'\n\
          on = ['p*']\nwhen = { force_n = 2.0 }\nclear_s = 0.1\n",
     );
+    at.write("tube.stl", tube());
     let search = "--twin ideal --noise 60 --starts 1 --rounds 0 --moves 1";
     at.good(&format!("optimise disk.toml {search} --state starts.json -o optimised.toml"));
     at.write(
@@ -160,6 +161,21 @@ fn valid() -> Workplace {
     std::fs::create_dir(at.path("net")).unwrap();
     NET.iter().for_each(|name| copy(&name.replace("net/", "dermis-learn/models/skin16/shapes/"), name));
     at
+}
+
+/// A tube of 12 sides along x, as a text.
+fn tube() -> String {
+    let vertex = |x: f64, side: u32| {
+        let (sin, cos) = (std::f64::consts::TAU * f64::from(side) / 12.0).sin_cos();
+        format!("vertex {x} {:.4} {:.4}\n", 0.04 * cos, 0.04 * sin)
+    };
+    let facet = |corners: String| format!("facet normal 0 0 0\nouter loop\n{corners}endloop\nendfacet\n");
+    let side = |side: u32| {
+        let [a, b] = [side, side + 1].map(|side| vertex(0.0, side));
+        let [c, d] = [side, side + 1].map(|side| vertex(0.1, side));
+        facet(format!("{a}{b}{c}")) + &facet(format!("{b}{d}{c}"))
+    };
+    format!("solid tube\n{}endsolid tube\n", (0..12).map(side).collect::<String>())
 }
 
 /// Presses of the disk, and a calibration.
