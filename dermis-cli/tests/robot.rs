@@ -42,15 +42,25 @@ fn a_skin_is_made_around_a_link() {
     std::fs::rename(at.path("forearm.stl"), at.path("arm/forearm.stl")).unwrap();
     let said = at.good("new link arm.urdf lower_arm --electrodes 20 --around 10..350 -o sleeve.toml");
     assert!(said.contains("20 electrodes") && said.contains("mm from the link"), "{said}");
+    // A mesh of the link is never replaced, nor a design by its body.
+    std::fs::copy(at.path("arm/forearm.stl"), at.path("own.stl")).unwrap();
+    let own = std::fs::read_to_string(at.path("arm.urdf")).unwrap().replace("package://arm/forearm.stl", "own.stl");
+    at.write("own.urdf", own);
+    let said = at.refused("new link own.urdf lower_arm -o own.toml --force");
+    assert!(said.contains("is a mesh of the link itself"), "{said}");
+    let said = at.refused("new link arm.urdf lower_arm -o out.stl --force");
+    assert!(said.contains("a design ends in .toml"), "{said}");
     let mesh = at.good("mesh sleeve.toml");
     assert!(mesh.starts_with("sleeve: "), "{mesh}");
     for (arguments, expected) in [
         ("new link arm.urdf", "needs a robot description and the link"),
         ("new link arm.urdf lower_amr", "did you mean `lower_arm`?"),
         ("new link arm.urdf bare", "the mesh `none.stl` is not found"),
-        ("new link arm.urdf empty", "has no mesh for collision"),
+        ("new link arm.urdf empty", "has no mesh with triangles for collision"),
         ("new link arm.urdf lower_arm --along z:0.5..0.9", "is not on the link"),
         ("new link arm.urdf lower_arm --along q:0.1..0.2", "write AXIS:FROM..TO"),
+        ("new link arm.urdf lower_arm --around 0..359.9", "mm wide"),
+        ("new link arm.urdf lower_arm --along z:0.1..0.105", "mm long"),
         ("new link arm.urdf lower_arm --around 90", "write FROM..TO"),
         ("new disk arm.urdf", "a robot description is for links"),
         ("new link none.urdf lower_arm", "cannot read the robot description none.urdf"),

@@ -134,16 +134,17 @@ impl Robot {
     }
 
     #[doc = stub_doc!(Robot.jacobian)]
-    #[pyo3(signature = (link, positions, point_m=[0.0; 3]))]
+    #[pyo3(signature = (link, positions, point_m=None))]
     fn jacobian<'py>(
         &self,
         py: Python<'py>,
         link: &str,
         positions: BTreeMap<String, f64>,
-        point_m: [f64; 3],
+        point_m: Option<[f64; 3]>,
     ) -> Outcome<Bound<'py, PyAny>> {
         let (posture, [base, link_index]) = self.at(link, &positions)?;
-        let jacobian = posture.jacobian(base, link_index, point_m).ok_or_else(|| unknown_pose(link))?;
+        let jacobian =
+            posture.jacobian(base, link_index, point_m.unwrap_or_default()).ok_or_else(|| unknown_pose(link))?;
         arrays::rows(py, jacobian.values, &[6, jacobian.columns], true)
     }
 

@@ -278,6 +278,13 @@ impl Reader<'_> {
         let skins: Vec<WornSkin> =
             file.skin.iter().map(|skin| self.skin(skin, kinematics.as_ref())).collect::<Result<_, _>>()?;
         self.check_skins(&file.skin)?;
+        for (index, rule) in file.rule.iter().enumerate() {
+            let name = &rule.get_ref().name;
+            self.check_name(name, "a rule")?;
+            if file.rule[..index].iter().any(|other| other.get_ref().name.get_ref() == name.get_ref()) {
+                return Err(self.error(name.span(), format!("two rules are called `{}`", name.get_ref()), None));
+            }
+        }
         let rules = file.rule.iter().map(|rule| self.rule(rule, &skins)).collect::<Result<_, _>>()?;
         let mut needed_joints: Vec<usize> = kinematics
             .iter()
@@ -309,13 +316,13 @@ impl Reader<'_> {
             return Ok(number);
         }
         let fix = format!("from {} to {}", range.start(), range.end());
-        Err(self.error(value.span(), format!("`{key}` is {number}"), Some(&fix)))
+        Err(self.error(value.span(), format!("`{key}` is {number:?}"), Some(&fix)))
     }
 
     fn joint_source(&self, joints: &Spanned<String>) -> Result<JointSource, DesignError> {
         match joints.get_ref().split_once(':') {
             None if joints.get_ref() == "none" => Ok(JointSource::None),
-            Some(("udp", address)) if address.contains(':') => Ok(JointSource::Udp(address.into())),
+            Some(("udp", address)) if has_port(address) => Ok(JointSource::Udp(address.into())),
             _ => {
                 let fix = "write \"udp:127.0.0.1:7450\" or \"none\"";
                 Err(self.error(
@@ -338,10 +345,7 @@ impl Reader<'_> {
 
     fn skin(&self, table: &Spanned<SkinTable>, kinematics: Option<&Kinematics>) -> Result<WornSkin, DesignError> {
         let SkinTable { name, design, link, origin, source, serial, method, required } = table.get_ref();
-        if name.get_ref().is_empty() || name.get_ref().contains(['/', '*']) {
-            let fix = "letters, digits and underscores; no `/` and `*`";
-            return Err(self.error(name.span(), format!("`{}` is no name of a skin", name.get_ref()), Some(fix)));
-        }
+        self.check_name(name, "a skin")?;
         let link_index = match (link, kinematics) {
             (Some(link), Some(kinematics)) => self.link(kinematics, link)?,
             (None, Some(_)) => {
@@ -378,8 +382,9 @@ impl Reader<'_> {
     fn origin(&self, table: &Spanned<OriginTable>) -> Result<Pose, DesignError> {
         let OriginTable { xyz_m, rpy_rad, quaternion } = *table.get_ref();
         let numbers = xyz_m.iter().chain(rpy_rad.iter().flatten());
-        if numbers.clone().any(|number| !number.is_finite()) || xyz_m.iter().any(|part| part.abs() > 10.0) {
-            let fix = "xyz_m in metres, rpy_rad in radians";
+        let is_wrong = |number: &f64| number.is_nan() || number.abs() > 10.0;
+        if numbers.into_iter().any(is_wrong) {
+            let fix = "xyz_m in metres, rpy_rad in radians, each at most 10";
             return Err(self.error(table.span(), "the origin is not on the link".into(), Some(fix)));
         }
         match (rpy_rad, quaternion) {
@@ -394,6 +399,15 @@ impl Reader<'_> {
             }),
             (rpy, None) => Ok(Pose::from_xyz_rpy(xyz_m, rpy.unwrap_or_default())),
         }
+    }
+
+    fn check_name(&self, name: &Spanned<String>, of: &str) -> Result<(), DesignError> {
+        let is_plain = |character: char| character.is_alphanumeric() || "_-.".contains(character);
+        if (1..=100).contains(&name.get_ref().len()) && name.get_ref().chars().all(is_plain) {
+            return Ok(());
+        }
+        let fix = "write 1 to 100 letters, digits, `_`, `-` and `.`";
+        Err(self.error(name.span(), format!("{:?} is no name of {of}", name.get_ref()), Some(fix)))
     }
 
     /// Refuses skins that share a name or a device.
@@ -462,11 +476,24 @@ impl Reader<'_> {
     }
 }
 
+/// Whether an address ends with a port.
+fn has_port(address: &str) -> bool {
+    address.rsplit_once(':').is_some_and(|(_, port)| port.parse::<u16>().is_ok_and(|port| port > 0))
+}
+
 /// Whether a name matches a pattern, in which `*` is any text.
 fn matches(pattern: &str, name: &str) -> bool {
-    let Some((before, after)) = pattern.split_once('*') else { return pattern == name };
-    let Some(rest) = name.strip_prefix(before) else { return false };
-    (0..=rest.len()).filter(|&skip| rest.is_char_boundary(skip)).any(|skip| matches(after, &rest[skip..]))
+    let Some((before, parts)) = pattern.split_once('*') else { return pattern == name };
+    let Some(mut rest) = name.strip_prefix(before) else { return false };
+    let mut parts: Vec<&str> = parts.split('*').collect();
+    let last = parts.pop().unwrap_or_default();
+    // The first place of each part leaves most for those after it.
+    let is_found = parts.into_iter().all(|part| {
+        let found = rest.find(part);
+        rest = found.map_or(rest, |at| &rest[at + part.len()..]);
+        found.is_some()
+    });
+    is_found && rest.ends_with(last)
 }
 
 #[cfg(test)]
@@ -480,6 +507,9 @@ mod tests {
             ("arm", "arms", false),
             ("*", "", true),
             ("a*m*", "arm_1", true),
+            ("*a*a", "a", false),
+            ("a*a", "a", false),
+            ("*rm*1", "arm_1", true),
             ("*_b", "arm_a", false),
         ] {
             assert_eq!(matches(pattern, name), expected, "{pattern} {name}");

@@ -9,6 +9,8 @@ use std::f64::consts::TAU;
 
 /// How long samples are kept, s: longer than any frame waits.
 const KEPT_S: f64 = 1.0;
+/// Largest position, rad or m: 160 turns.
+const MAX_POSITION: f64 = 1e3;
 /// A joint that is faster than this multiple of its limit has jumped: limits are of commands, and messages have jitter.
 const JUMP: f64 = 3.0;
 
@@ -40,9 +42,13 @@ impl JointHistory {
         };
         let mut positions = vec![f64::NAN; kinematics.movable().len()];
         for (place, name) in kinematics.joint_names().enumerate() {
-            if let Some((_, position)) = given.iter().find(|(given, _)| *given == name) {
-                if !position.is_finite() {
-                    return Err(format!("the position of the joint `{name}` is {position}"));
+            let mut of_joint = given.iter().filter(|(given, _)| *given == name);
+            if let Some((_, position)) = of_joint.next() {
+                if of_joint.next().is_some() {
+                    return Err(format!("the joint states have the joint `{name}` twice"));
+                }
+                if !(-MAX_POSITION..=MAX_POSITION).contains(position) {
+                    return Err(format!("the position of the joint `{name}` is {position:?}"));
                 }
                 positions[place] = *position;
             }
@@ -53,6 +59,10 @@ impl JointHistory {
             let near = closest_name(name, given.iter().map(|(given, _)| *given));
             let hint = near.map(|near| format!("; did it mean `{near}`?")).unwrap_or_default();
             return Err(format!("the joint states have no joint `{name}`, as those of another robot{hint}"));
+        }
+        if self.newest() == Some(at) {
+            // The same states again.
+            return Ok(());
         }
         self.check_after(kinematics, at, &positions)?;
         while self.samples.front().is_some_and(|(first, _)| at.seconds_since(*first) > KEPT_S) {

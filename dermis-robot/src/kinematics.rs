@@ -100,7 +100,8 @@ impl Kinematics {
         let mut waiting: Vec<usize> = (0..self.links.len()).rev().filter(|&link| self.above[link].is_none()).collect();
         while let Some(link) = waiting.pop() {
             let above = self.above[link].map(|joint| self.joints[joint].name.as_str());
-            rows.push((self.chain(link).count(), self.links[link].as_str(), above));
+            let depth = self.chain(link).count();
+            rows.push((depth, self.links[link].as_str(), above));
             let below = self.joints.iter().rev().filter(|joint| joint.parent == link);
             waiting.extend(below.map(|joint| joint.child));
         }

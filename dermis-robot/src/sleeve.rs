@@ -7,6 +7,12 @@ use std::f64::consts::TAU;
 
 /// Rows and columns of the surface in the distance between two electrodes: finer than a contact.
 const ROWS_PER_SPACING: f64 = 5.0;
+/// Largest link, m; the longest of industrial robots have 2 m.
+const MAX_LINK_M: f64 = 5.0;
+/// Shortest skin, smallest radius and narrowest slit, m: what can be printed and wired.
+const MIN_LENGTH_M: f64 = 0.01;
+const MIN_RADIUS_M: f64 = 0.005;
+const MIN_SLIT_M: f64 = 0.002;
 /// Steps of Lloyd's iteration.
 const STEPS: usize = 60;
 /// The part of the rays that may miss the link: more is a hole.
@@ -56,11 +62,24 @@ impl Sleeve {
     pub fn around(link: &[[Point3; 3]], options: &SleeveOptions) -> Result<Self, DesignError> {
         let wrong = |message: String, fix: &str| DesignError::new(message, Some(fix.into()));
         let [low, high] = bounding_box(link.iter().flatten().copied());
+        let far_m = low.into_iter().chain(high).fold(0.0, |far: f64, part| far.max(part.abs()));
+        if !(0.01..=MAX_LINK_M).contains(&distance(low, high)) || far_m > MAX_LINK_M {
+            let message =
+                format!("the link is {:.4} m large, and reaches {far_m:.3} m from its frame", distance(low, high));
+            let fix = "meshes are read in metres: one in millimetres has scale=\"0.001 0.001 0.001\" in the URDF";
+            return Err(wrong(message, fix));
+        }
         let longest = || (0..3).max_by(|a, b| (high[*a] - low[*a]).total_cmp(&(high[*b] - low[*b]))).unwrap_or(2);
         let axis = options.axis.unwrap_or_else(longest);
         let length_m = high[axis] - low[axis];
         let along = options.along_m.unwrap_or([low[axis] + 0.1 * length_m, high[axis] - 0.1 * length_m]);
-        if !(along[0] >= low[axis] && along[1] <= high[axis] && along[1] - along[0] > 0.01) {
+        if along[1] - along[0] < MIN_LENGTH_M {
+            return Err(wrong(
+                format!("the skin is {:.1} mm long", 1e3 * (along[1] - along[0])),
+                "at least 10 mm, with --along",
+            ));
+        }
+        if !(along[0] >= low[axis] && along[1] <= high[axis]) {
             let message = format!(
                 "the skin from {:.3} to {:.3} m is not on the link, which is from {:.3} to {:.3} m along {}",
                 along[0],
@@ -80,6 +99,17 @@ impl Sleeve {
         // A coarse look, for the size of the surface.
         let coarse = rays.cast(along, [from, turn], [13, 24])?;
         let mean_m = coarse.radii_m.iter().sum::<f64>() / coarse.radii_m.len() as f64 + options.offset_m;
+        if mean_m < MIN_RADIUS_M {
+            return Err(wrong(
+                format!("the link has a radius of {:.1} mm there", 1e3 * mean_m),
+                "give another part of it",
+            ));
+        }
+        let slit_m = (TAU - turn) * mean_m;
+        if slit_m > 1e-6 && slit_m < MIN_SLIT_M {
+            let message = format!("the slit is {:.1} mm wide", 1e3 * slit_m);
+            return Err(wrong(message, "at least 2 mm, with --around; or a closed sleeve without it"));
+        }
         let area_m2 = (along[1] - along[0]) * turn * mean_m;
         let spacing_m = (area_m2 / options.electrodes as f64).sqrt();
         if spacing_m < 0.006 {

@@ -168,7 +168,7 @@ pub struct RuleEvent {
     pub rule: String,
     /// Whether it begins or ends.
     pub event: EventKind,
-    /// Why it holds, or held last.
+    /// Why it holds; at its end why it held until now.
     #[serde(flatten)]
     pub cause: Cause,
     /// When that was measured or noticed.

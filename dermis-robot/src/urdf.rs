@@ -44,7 +44,10 @@ impl Kinematics {
             let fix = "write `<robot name=\"...\">` around links and joints; MJCF and SDF are other formats";
             return Err(file.error(robot, format!("<{}> is no robot of URDF", robot.tag_name().name()), Some(fix)));
         }
-        let is_macro = |node: Node<'_, '_>| node.tag_name().namespace().is_some_and(|space| space.contains("xacro"));
+        let is_macro = |node: Node<'_, '_>| {
+            let space = node.tag_name().namespace();
+            space.is_some_and(|space| space.contains("xacro") || node.lookup_prefix(space) == Some("xacro"))
+        };
         if robot.descendants().any(is_macro) {
             let fix = "expand it first: xacro FILE.urdf.xacro > FILE.urdf";
             return Err(file.error(robot, "the file has macros of xacro".into(), Some(fix)));
@@ -83,11 +86,11 @@ pub enum Shape {
     Visual,
 }
 
-/// The triangles of a link, in its frame, m: those of its mesh files, STL, OBJ or PLY.
+/// The triangles of a link, in its frame, m, and its mesh files: STL, OBJ or PLY.
 ///
 /// # Errors
 /// A file that is not URDF; a link that is not there or has no such mesh; a mesh that is not found or cannot be read.
-pub fn link_triangles(urdf: &Path, link: &str, shape: Shape) -> Result<Vec<[Point3; 3]>, DesignError> {
+pub fn link_triangles(urdf: &Path, link: &str, shape: Shape) -> Result<(Vec<[Point3; 3]>, Vec<PathBuf>), DesignError> {
     let name = urdf.display().to_string();
     let text = read_text_at_most(urdf, MAX_BYTES)
         .map_err(|error| DesignError::new(format!("cannot read the robot description {name}: {error}"), None))?;
@@ -106,7 +109,7 @@ pub fn link_triangles(urdf: &Path, link: &str, shape: Shape) -> Result<Vec<[Poin
         Shape::Collision => ("collision", "visual"),
         Shape::Visual => ("visual", "collision"),
     };
-    let mut triangles = Vec::new();
+    let (mut triangles, mut files) = (Vec::new(), Vec::new());
     for part in node.children().filter(|part| part.has_tag_name(tag)) {
         let Some(mesh) = part.descendants().find(|node| node.has_tag_name("mesh")) else { continue };
         let origin = part.children().find(|node| node.has_tag_name("origin"));
@@ -119,14 +122,18 @@ pub fn link_triangles(urdf: &Path, link: &str, shape: Shape) -> Result<Vec<[Poin
         })?;
         let loaded = dermis::mesh::import::load_triangles(&path, 1.0)
             .map_err(|error| file.error(mesh, error.to_string(), Some("give an STL file with --mesh")))?;
+        files.push(path);
         let place = |corner: Point3| pose.point([0, 1, 2].map(|axis| corner[axis] * scales[axis]));
         triangles.extend(loaded.into_iter().map(|triangle| triangle.map(place)));
     }
     if triangles.is_empty() {
         let fix = format!("try the shape for {other}, or give an STL file with --mesh");
-        return Err(file.error(node, format!("the link `{link}` has no mesh for {tag}"), Some(&fix)));
+        let message = format!(
+            "the link `{link}` has no mesh with triangles for {tag}; boxes, cylinders and spheres are not read"
+        );
+        return Err(file.error(node, message, Some(&fix)));
     }
-    Ok(triangles)
+    Ok((triangles, files))
 }
 
 /// The file of a mesh: `package://NAME/...` is looked for in the folders above the URDF.
@@ -198,7 +205,8 @@ impl File<'_> {
         // Fixed joints are often written with an axis of zeros.
         let axis_node = child("axis").filter(|_| kind != JointKind::Fixed);
         let axis = self.vector(axis_node, "xyz", [1.0, 0.0, 0.0])?;
-        if norm(axis) == 0.0 {
+        // Beyond, its square is no number.
+        if !(1e-9..=1e9).contains(&norm(axis)) {
             return Err(self.error(node, format!("the axis of the joint `{name}` has no direction"), None));
         }
         let mimic = child("mimic").map(|mimic| {

@@ -301,9 +301,12 @@ fn joint_states_that_cannot_be_are_refused() {
     assert!(given(0, &[("Shoulder", 0.0), ("elbow", 0.0)]).unwrap_err().contains("did it mean `Shoulder`?"));
     assert!(given(0, &[("shoulder", f64::NAN), ("elbow", 0.0)]).unwrap_err().contains("`shoulder` is NaN"));
     assert_eq!(given(0, &[("shoulder", 0.0), ("elbow", 3.1), ("gripper", 9.0)]), Ok(()));
-    assert!(given(0, &[("shoulder", 0.0), ("elbow", 3.1)]).unwrap_err().contains("older than"));
+    assert_eq!(given(0, &[("shoulder", 0.0), ("elbow", 3.1)]), Ok(()), "the same again");
+    assert!(given(5, &[("shoulder", 1e300), ("elbow", 0.0)]).unwrap_err().contains("`shoulder` is 1e300"));
+    assert!(given(5, &[("shoulder", 0.0), ("elbow", 0.0), ("elbow", 1.0)]).unwrap_err().contains("`elbow` twice"));
     // A joint without limits passes its seam.
     assert_eq!(given(10, &[("shoulder", 0.0), ("elbow", -3.1)]), Ok(()));
+    assert!(given(9, &[("shoulder", 0.0), ("elbow", -3.1)]).unwrap_err().contains("0.001 s older than"));
     let error = given(20, &[("shoulder", 1.0), ("elbow", -3.1)]).unwrap_err();
     assert!(error.contains("`shoulder` jumped: 100.0 per second, of at most 2.0"), "{error}");
     assert_eq!(given(30, &[("shoulder", 1.0), ("elbow", -3.1)]), Ok(()));
@@ -324,6 +327,8 @@ fn wrong_files_are_named_with_the_line_and_the_fix() {
         ("xyz_m = [0.1, 0, 0]", "xyz_m = [100, 0, 0]", "xyz_m in metres"),
         ("xyz_m =", "xyz =", "unknown field `xyz`"),
         ("on = [\"*er\"]", "on = [\"arm_*\"]", "no skin is called `arm_*`"),
+        ("name = \"push\"", "name = \"stop\"", "two rules are called `stop`"),
+        ("name = \"arm\"", "name = \"arm\"\njoints = \"udp:127.0.0.1:99999\"", "is no source of joint states"),
         ("on = [\"*er\"]", "on = []", "is about no skin"),
         ("force_n = 5.0", "force_n = -5.0", "a force of -5 N"),
         ("clear_s = 0.0", "clear_s = 1e9", "`clear_s` is 1000000000"),

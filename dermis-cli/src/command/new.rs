@@ -103,7 +103,7 @@ impl Arguments {
         let path = self.output.clone().unwrap_or_else(|| format!("{name}.toml").into());
         let (text, sleeve) = match (self.body, self.electrodes) {
             (BodyKind::Link, _) => {
-                let sleeve = self.sleeve()?;
+                let sleeve = self.sleeve(&path)?;
                 (link_design(text, &sleeve, &path), Some(sleeve))
             }
             (_, _) if self.description.is_some() => {
@@ -138,16 +138,25 @@ impl Arguments {
     }
 
     /// The body of a skin on a link.
-    fn sleeve(&self) -> Outcome<Sleeve> {
+    fn sleeve(&self, path: &Path) -> Outcome<Sleeve> {
         let (Some(description), Some(link)) = (&self.description, &self.link) else {
             let fix = "dermis new link ROBOT.urdf LINK; `dermis robot links ROBOT.urdf` lists the links";
             return Err(Failure::given("a skin on a link needs a robot description and the link", Some(fix)));
         };
         let shape = if self.visual { Shape::Visual } else { Shape::Collision };
-        let triangles = match &self.mesh {
-            Some(mesh) => dermis::mesh::import::load_triangles(mesh, 1.0)?,
+        let (triangles, files) = match &self.mesh {
+            Some(mesh) => (dermis::mesh::import::load_triangles(mesh, 1.0)?, vec![mesh.clone()]),
             None => link_triangles(description, link, shape)?,
         };
+        if path.extension().is_none_or(|ending| ending != "toml") {
+            let message = format!("{}: a design ends in .toml", path.display());
+            return Err(Failure::given(message, Some("the mesh of its body is written next to it, with .stl")));
+        }
+        let body = path.with_extension("stl").canonicalize().ok();
+        if body.is_some() && files.iter().any(|file| file.canonicalize().ok() == body) {
+            let message = format!("{} is a mesh of the link itself", path.with_extension("stl").display());
+            return Err(Failure::given(message, Some("give the design another name with -o")));
+        }
         let options = SleeveOptions::default();
         let options = SleeveOptions {
             axis: self.along.map(|(axis, _)| axis),
@@ -212,6 +221,6 @@ fn around(text: &str) -> Result<[f64; 2], String> {
 
 fn interval(text: &str) -> Option<[f64; 2]> {
     let (from, to) = text.split_once("..")?;
-    let [from, to] = [from, to].map(|number| number.trim().parse::<f64>().ok().filter(|number| number.is_finite()));
+    let [from, to] = [from, to].map(|number| number.trim().parse::<f64>().ok().filter(|number| number.abs() < 1e4));
     Some([from?, to?]).filter(|[from, to]| from < to)
 }

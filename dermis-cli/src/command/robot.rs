@@ -103,7 +103,8 @@ impl LinkArguments {
         }
         let rows = kinematics.tree().into_iter().map(|(depth, link, joint)| {
             let joint = joint.map(|joint| format!("  ({joint})")).unwrap_or_default();
-            format!("{}{link}{joint}\n", "  ".repeat(depth))
+            // Chains of thousands of links stay readable.
+            format!("{}{link}{joint}\n", "  ".repeat(depth.min(40)))
         });
         print(&rows.collect::<String>())
     }
@@ -265,17 +266,16 @@ fn write_line(output: &RobotOutput) -> Outcome<bool> {
 }
 
 fn event_text(event: &RuleEvent) -> String {
-    let kind = match event.event {
-        EventKind::Begins => "begins",
-        EventKind::Ends => "ends",
-    };
+    if event.event == EventKind::Ends {
+        return format!("{} ends", event.rule);
+    }
     let cause = match &event.cause {
         Cause::Touched { skin } => format!("{skin} is touched"),
         Cause::Unknown { skin, reason } => {
             format!("{skin} is unknown: {}", reason.map_or("its force is not calibrated", |reason| reason.text()))
         }
     };
-    printable(&format!("{} {kind} ({cause})", event.rule)).into_owned()
+    printable(&format!("{} begins ({cause})", event.rule)).into_owned()
 }
 
 /// A line about all skins.

@@ -35,7 +35,11 @@ impl Address {
     /// Any other text.
     pub fn parse(text: &str) -> Result<Self, LiveError> {
         match text.split_once(':') {
-            Some(("tcp", address)) if address.contains(':') => Ok(Address::Tcp(address.into())),
+            Some(("tcp", address)) if address.contains(':') => {
+                let port = address.rsplit_once(':').and_then(|(_, port)| port.parse::<u16>().ok());
+                let wrong = || LiveError::Given(format!("`{text}`: the port is a number from 1 to 65535"));
+                port.filter(|port| *port > 0).map(|_| Address::Tcp(address.into())).ok_or_else(wrong)
+            }
             Some(("tcp", _)) => Err(LiveError::Given(format!("`{text}` names no port: write tcp:HOST:PORT"))),
             Some(("serial", rest)) if !rest.is_empty() => {
                 let (port, baud) = match rest.rsplit_once('@') {

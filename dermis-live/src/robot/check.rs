@@ -2,6 +2,7 @@
 
 use crate::LiveError;
 use crate::clock;
+use crate::device::Address;
 use crate::robot::Prepared;
 use dermis::geom::Point3;
 use dermis::geom::vector::distance;
@@ -80,6 +81,9 @@ pub struct Neighbours {
 /// # Errors
 /// A method that does not exist or cannot be prepared.
 pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotReport, LiveError> {
+    for worn in robot.skins().iter().filter(|worn| worn.source != "emulate") {
+        Address::parse(&worn.source).map_err(|error| LiveError::Given(format!("the skin `{}`: {error}", worn.name)))?;
+    }
     let mut prepared = Prepared::new(methods);
     let sets: Vec<Arc<MethodSet>> = robot.skins().iter().map(|worn| prepared.of(worn)).collect::<Result<_, _>>()?;
     let mut skins: Vec<SkinReport> = Vec::new();

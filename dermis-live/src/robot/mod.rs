@@ -126,7 +126,8 @@ impl<'a> Prepared<'a> {
         if let Some(set) = self.sets.get(&key) {
             return Ok(Arc::clone(set));
         }
-        let set = Arc::new(MethodSet::new(self.methods, Skin::load(&worn.design)?, worn.method.as_deref())?);
+        let set = MethodSet::new(self.methods, Skin::load(&worn.design)?, worn.method.as_deref());
+        let set = Arc::new(set.map_err(|error| LiveError::Given(format!("the skin `{}`: {error}", worn.name)))?);
         self.sets.insert(key, Arc::clone(&set));
         Ok(set)
     }
@@ -278,8 +279,10 @@ impl RobotLive {
             Incoming::Joints(at, states) => {
                 let given: Vec<(&str, f64)> =
                     states.name.iter().map(String::as_str).zip(states.position.iter().copied()).collect();
-                let taken = self.state.joints(at, &given);
-                taken.unwrap_or_else(|error| self.joint_notice(error, now));
+                match self.state.joints(at, &given) {
+                    Ok(()) => self.check_clock(at, now),
+                    Err(error) => self.joint_notice(error, now),
+                }
                 Vec::new()
             }
             Incoming::Wrong(error) => {
@@ -288,6 +291,19 @@ impl RobotLive {
             }
         };
         self.queue(events);
+    }
+
+    /// Joint states of another time are of no frame.
+    fn check_clock(&mut self, at: Timestamp, now: Timestamp) {
+        let age_s = now.seconds_since(at);
+        if age_s.abs() > self.state.robot().age_s() {
+            let relation = if age_s > 0.0 { "old" } else { "ahead of this clock" };
+            let text = format!(
+                "the joint states are {:.2} s {relation}: positions in the frame of the base are unknown; set both clocks alike",
+                age_s.abs()
+            );
+            self.joint_notice(text, now);
+        }
     }
 
     fn joint_notice(&mut self, text: String, at: Timestamp) {

@@ -20,6 +20,7 @@ __all__ = [
     "Paired",
     "Pipeline",
     "Replay",
+    "Robot",
     "Samples",
     "Simulation",
     "Skin",
@@ -475,14 +476,14 @@ class Robot:
         """
 
     def jacobian(
-        self, link: str, positions: dict[str, float], point_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+        self, link: str, positions: dict[str, float], point_m: tuple[float, float, float] | None = None
     ) -> NDArray[np.float64]:
         """The Jacobian of a point of a link, (6, joints): velocity of the point over angular velocity of the link, in the base's frame.
 
         Args:
             link: Name of the link.
             positions: Positions of joints, rad or m, by name.
-            point_m: The point in the link's frame, m.
+            point_m: The point in the link's frame, m; its origin without it.
         """
 
 @final
