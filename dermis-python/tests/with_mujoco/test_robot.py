@@ -20,7 +20,7 @@ ROBOTS = {
     "talos": ("talos_data/robots/talos_full_v2.urdf", "gripper_left_fingertip_1_link"),
     "g1": ("g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf", "right_hand_thumb_2_link"),
 }
-POSES = 250
+POSES = 1000
 
 
 def description(name):
