@@ -1,10 +1,10 @@
 //! `dermis live` and related commands with invalid input: exit code 2, and a message with the fix.
 
-use crate::workplace::{self, Workplace};
+use crate::workplace::{self, Running, Workplace};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// The arguments of every run: a skin that is prepared quickly, without a page.
@@ -24,29 +24,6 @@ fn served(serve: impl Fn(TcpStream) + Send + 'static) -> String {
     let address = listener.local_addr().unwrap();
     std::thread::spawn(move || listener.incoming().for_each(|stream| serve(stream.unwrap())));
     format!("tcp:{address}")
-}
-
-/// A running command, killed when dropped, and its first line of output.
-struct Running {
-    child: Child,
-    line: String,
-}
-
-impl Running {
-    fn start(at: &Workplace, arguments: &str) -> Self {
-        let mut child = at.command(arguments).spawn().unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        Running { child, line: line.trim().into() }
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        // It may have exited already.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }
 
 #[test]

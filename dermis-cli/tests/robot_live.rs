@@ -1,9 +1,7 @@
 //! Several skins on one robot, read live.
 
-use crate::workplace::Workplace;
+use crate::workplace::{Running, Workplace};
 use serde_json::Value;
-use std::io::{BufRead, BufReader};
-use std::process::{Child, Stdio};
 
 /// A robot with the two skins of the template, at addresses.
 fn robot(at: &Workplace, addresses: [&str; 2]) {
@@ -35,30 +33,9 @@ fn zones(snapshots: &[Value], skin: usize) -> Vec<String> {
     zones
 }
 
-/// A device in a process of its own.
-struct Device {
-    process: Child,
-    address: String,
-}
-
-impl Device {
-    fn start(at: &Workplace, arguments: &str) -> Self {
-        let mut process = at
-            .command(&format!("emulate {arguments} --tcp 127.0.0.1:0 --prerender 100"))
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let mut line = String::new();
-        BufReader::new(process.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        Device { process, address: line.trim().to_string() }
-    }
-}
-
-impl Drop for Device {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
-    }
+/// A device in a process of its own, whose first line is its address.
+fn emulated(at: &Workplace, arguments: &str) -> Running {
+    Running::start(at, &format!("emulate {arguments} --tcp 127.0.0.1:0 --prerender 100"))
 }
 
 #[test]
@@ -87,8 +64,8 @@ fn a_simulated_robot_is_pressed_and_its_contacts_are_in_the_frame_of_the_base() 
 #[test]
 fn a_skin_without_a_device_is_unknown_and_the_other_one_is_not() {
     let at = Workplace::empty();
-    let device = Device::start(&at, "cylinder30");
-    robot(&at, [&device.address, "tcp:127.0.0.1:1"]);
+    let device = emulated(&at, "cylinder30");
+    robot(&at, [&device.line, "tcp:127.0.0.1:1"]);
     let (snapshots, events, said) = run(&at, "--for 5");
     assert_eq!(zones(&snapshots, 1), ["absent"], "{said}");
     assert!(zones(&snapshots, 0).contains(&"clear".to_string()), "{:?} {said}", zones(&snapshots, 0));
@@ -99,8 +76,8 @@ fn a_skin_without_a_device_is_unknown_and_the_other_one_is_not() {
 #[test]
 fn swapped_cables_are_named() {
     let at = Workplace::empty();
-    let devices = [Device::start(&at, "skin16 --seed 17"), Device::start(&at, "skin16 --seed 18")];
-    robot(&at, [&devices[1].address, &devices[0].address]);
+    let devices = [emulated(&at, "skin16 --seed 17"), emulated(&at, "skin16 --seed 18")];
+    robot(&at, [&devices[1].line, &devices[0].line]);
     let text = std::fs::read_to_string(at.path("arm.toml")).unwrap().replace("\"cylinder30\"", "\"skin16\"");
     let text = text
         .replace("# serial = 17 ", "serial = 17 ")
@@ -118,14 +95,14 @@ fn swapped_cables_are_named() {
 #[test]
 fn a_device_that_is_killed_makes_its_skin_unknown_and_a_new_one_brings_it_back() {
     let at = Workplace::empty();
-    let mut device = Device::start(&at, "skin16 --seed 2");
-    let other = Device::start(&at, "cylinder30");
-    robot(&at, [&other.address, &device.address]);
-    let address = device.address.strip_prefix("tcp:").unwrap().to_string();
+    let mut device = emulated(&at, "skin16 --seed 2");
+    let other = emulated(&at, "cylinder30");
+    robot(&at, [&other.line, &device.line]);
+    let address = device.line.strip_prefix("tcp:").unwrap().to_string();
     let stopper = std::thread::spawn(move || {
         std::thread::sleep(std::time::Duration::from_secs(4));
-        let _ = device.process.kill();
-        let _ = device.process.wait();
+        let _ = device.child.kill();
+        let _ = device.child.wait();
         std::thread::sleep(std::time::Duration::from_millis(1500));
         let at = Workplace::empty();
         let mut again =

@@ -335,12 +335,8 @@ impl Reader<'_> {
     }
 
     fn link(&self, kinematics: &Kinematics, name: &Spanned<String>) -> Result<usize, DesignError> {
-        kinematics.link(name.get_ref()).ok_or_else(|| {
-            let near = closest_name(name.get_ref(), kinematics.links().iter().map(String::as_str));
-            let fix =
-                near.map_or("`dermis robot links FILE` lists them".into(), |near| format!("did you mean `{near}`?"));
-            self.error(name.span(), format!("the robot has no link `{}`", name.get_ref()), Some(&fix))
-        })
+        let named = kinematics.named_link(name.get_ref());
+        named.map_err(|error| self.error(name.span(), error.message, error.fix.as_deref()))
     }
 
     fn skin(&self, table: &Spanned<SkinTable>, kinematics: Option<&Kinematics>) -> Result<WornSkin, DesignError> {

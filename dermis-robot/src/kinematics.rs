@@ -1,6 +1,7 @@
 //! The tree of a robot's links and joints: poses of links, Jacobians of points.
 
 use crate::pose::Pose;
+use dermis::design::{DesignError, closest_name};
 use dermis::geom::Point3;
 use dermis::geom::vector::{cross, scale, sub};
 use dermis::linalg::Matrix;
@@ -111,6 +112,19 @@ impl Kinematics {
     /// The index of a link.
     pub fn link(&self, name: &str) -> Option<usize> {
         self.links.iter().position(|link| link == name)
+    }
+
+    /// The index of a link that a person named.
+    ///
+    /// # Errors
+    /// A link that is not there, with the fix.
+    pub(crate) fn named_link(&self, name: &str) -> Result<usize, DesignError> {
+        self.link(name).ok_or_else(|| {
+            let near = closest_name(name, self.links.iter().map(String::as_str));
+            let fix =
+                near.map_or("`dermis robot links FILE` lists them".into(), |near| format!("did you mean `{near}`?"));
+            DesignError::new(format!("the robot has no link `{name}`"), Some(fix))
+        })
     }
 
     /// The first link without a parent.

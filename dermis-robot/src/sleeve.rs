@@ -3,6 +3,7 @@
 use dermis::design::DesignError;
 use dermis::geom::Point3;
 use dermis::geom::vector::{add, bounding_box, cross, distance, dot, scale, sub, triangle_area};
+use dermis::mesh::export::write_stl;
 use std::f64::consts::TAU;
 
 /// Rows and columns of the surface in the distance between two electrodes: finer than a contact.
@@ -138,15 +139,9 @@ impl Sleeve {
 
     /// The surface as a binary STL file in millimetres.
     pub fn stl(&self) -> Vec<u8> {
-        let mut bytes = vec![0; 80];
-        bytes.extend((self.triangles.len() as u32).to_le_bytes());
-        for triangle @ [a, b, c] in &self.triangles {
-            let normal = dermis::geom::vector::normalize(cross(sub(*b, *a), sub(*c, *a)));
-            let millimetres = triangle.iter().map(|corner| scale(*corner, 1e3));
-            let numbers = std::iter::once(normal).chain(millimetres).flatten();
-            bytes.extend(numbers.flat_map(|number| (number as f32).to_le_bytes()));
-            bytes.extend([0; 2]);
-        }
+        let millimetres = self.triangles.iter().map(|triangle| triangle.map(|corner| scale(corner, 1e3)));
+        let mut bytes = Vec::new();
+        write_stl(&millimetres.collect::<Vec<_>>(), "dermis, in mm", &mut bytes).expect("memory takes any bytes");
         bytes
     }
 }

@@ -244,7 +244,8 @@ impl RobotState {
             let mut of_skin = Wrench::zero(&worn.link);
             match (zone, frame) {
                 (Zone::Clear | Zone::Touched, Some(frame)) => {
-                    contacts.extend(self.contacts_of(index, frame));
+                    let at = self.posture(frame);
+                    contacts.extend(self.contacts_of(index, frame, at.as_ref()));
                     for tracked in &frame.contacts {
                         if !of_skin.add(&tracked.contact, &worn.origin, robot.friction()) {
                             of_skin.lacks(&worn.name);
@@ -256,7 +257,7 @@ impl RobotState {
                     }
                     torques = torques
                         .filter(|_| of_skin.complete)
-                        .and_then(|sum| self.with_torques(sum, index, frame, &of_skin));
+                        .and_then(|sum| self.with_torques(sum, index, &at.as_ref()?.1, &of_skin));
                 }
                 _ => {
                     unknown.push(worn.name.clone());
@@ -292,27 +293,31 @@ impl RobotState {
     /// The joints when a frame was measured, and the robot then.
     fn posture(&self, frame: &SkinFrame) -> Option<(JointsAt, Posture<'_>)> {
         let kinematics = self.robot.kinematics()?;
-        if self.robot.needed_joints().is_empty() {
+        let joints = if self.robot.needed_joints().is_empty() {
             // No joint matters: all skins are fixed to the base.
             let count = kinematics.movable().len();
-            let joints = JointsAt { positions: vec![f64::NAN; count], speeds: vec![0.0; count], gap_s: 0.0 };
-            return Some((joints, kinematics.posture(&vec![f64::NAN; count])));
-        }
-        let joints = self.joints.at(kinematics, frame.measured_at, self.robot.age_s())?;
+            JointsAt { positions: vec![f64::NAN; count], speeds: vec![0.0; count], gap_s: 0.0 }
+        } else {
+            self.joints.at(kinematics, frame.measured_at, self.robot.age_s())?
+        };
         let posture = kinematics.posture(&joints.positions);
         Some((joints, posture))
     }
 
-    fn contacts_of(&self, skin: usize, frame: &SkinFrame) -> impl Iterator<Item = RobotContact> {
+    fn contacts_of(
+        &self,
+        skin: usize,
+        frame: &SkinFrame,
+        at: Option<&(JointsAt, Posture<'_>)>,
+    ) -> impl Iterator<Item = RobotContact> {
         let worn = &self.robot.skins()[skin];
         let (base, link) = (self.robot.base_index(), worn.link_index);
-        let at = self.posture(frame);
+        let pose = at.and_then(|(_, posture)| posture.pose(base, link));
         frame.contacts.iter().map(move |tracked| {
             let contact = &tracked.contact;
             let position_link_m = worn.origin.point(contact.position_m);
             let normal_link = worn.origin.vector(contact.normal);
-            let pose = at.as_ref().and_then(|(_, posture)| posture.pose(base, link));
-            let moved_m = at.as_ref().and_then(|(joints, posture)| {
+            let moved_m = at.and_then(|(joints, posture)| {
                 let jacobian = posture.jacobian(base, link, position_link_m)?;
                 // Joints that are not known do not move this link.
                 let speeds: Vec<f64> =
@@ -339,11 +344,10 @@ impl RobotState {
         &self,
         mut sum: Vec<(f64, f64)>,
         skin: usize,
-        frame: &SkinFrame,
+        posture: &Posture<'_>,
         wrench: &Wrench,
     ) -> Option<Vec<(f64, f64)>> {
         let (base, link) = (self.robot.base_index(), self.robot.skins()[skin].link_index);
-        let (_, posture) = self.posture(frame)?;
         let pose = posture.pose(base, link)?;
         let jacobian = posture.jacobian(base, link, [0.0; 3])?;
         for ((torque, variance), (more, spread)) in sum.iter_mut().zip(wrench.torques(&jacobian, &pose)) {

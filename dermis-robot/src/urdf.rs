@@ -23,10 +23,7 @@ impl Kinematics {
     /// # Errors
     /// A file that is not URDF, with the line; a link with two parents; a cycle.
     pub fn load(path: &Path) -> Result<Self, DesignError> {
-        let text = read_text_at_most(path, MAX_BYTES).map_err(|error| {
-            DesignError::new(format!("cannot read the robot description {}: {error}", path.display()), None)
-        })?;
-        Self::parse(&text, &path.display().to_string())
+        Self::parse(&read(path)?, &path.display().to_string())
     }
 
     /// From the text of a URDF file.
@@ -92,19 +89,14 @@ pub enum Shape {
 /// A file that is not URDF; a link that is not there or has no such mesh; a mesh that is not found or cannot be read.
 pub fn link_triangles(urdf: &Path, link: &str, shape: Shape) -> Result<(Vec<[Point3; 3]>, Vec<PathBuf>), DesignError> {
     let name = urdf.display().to_string();
-    let text = read_text_at_most(urdf, MAX_BYTES)
-        .map_err(|error| DesignError::new(format!("cannot read the robot description {name}: {error}"), None))?;
+    let text = read(urdf)?;
     let file = File { name: &name, text: &text };
     // The links are checked, with all else.
     let kinematics = Kinematics::parse(&text, &name)?;
     let document = Document::parse(&text).map_err(|error| DesignError::new(error.to_string(), None))?;
     let robot = document.root_element();
-    let nodes = robot.children().filter(|node| node.has_tag_name("link"));
-    let node = nodes.into_iter().find(|node| node.attribute("name") == Some(link)).ok_or_else(|| {
-        let near = closest_name(link, kinematics.links().iter().map(String::as_str));
-        let fix = near.map_or("`dermis robot links FILE` lists them".into(), |near| format!("did you mean `{near}`?"));
-        file.error(robot, format!("the robot has no link `{link}`"), Some(&fix))
-    })?;
+    let index = kinematics.named_link(link).map_err(|error| file.error(robot, error.message, error.fix.as_deref()))?;
+    let node = robot.children().filter(|node| node.has_tag_name("link")).nth(index).unwrap_or(robot);
     let (tag, other) = match shape {
         Shape::Collision => ("collision", "visual"),
         Shape::Visual => ("visual", "collision"),
@@ -134,6 +126,12 @@ pub fn link_triangles(urdf: &Path, link: &str, shape: Shape) -> Result<(Vec<[Poi
         return Err(file.error(node, message, Some(&fix)));
     }
     Ok((triangles, files))
+}
+
+fn read(urdf: &Path) -> Result<String, DesignError> {
+    read_text_at_most(urdf, MAX_BYTES).map_err(|error| {
+        DesignError::new(format!("cannot read the robot description {}: {error}", urdf.display()), None)
+    })
 }
 
 /// The file of a mesh: `package://NAME/...` is looked for in the folders above the URDF.

@@ -3,8 +3,9 @@
 // Every test program compiles its own copy and uses a part of it.
 #![allow(dead_code)]
 
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 use tempfile::TempDir;
 
 /// The design `disk.toml`: 8 arcs on the rim of a disk, 8 x 5 = 40 values; of 8 x 8 pixels, those outside the disk are
@@ -175,5 +176,28 @@ impl Workplace {
         assert_eq!(output.status.code(), Some(2), "dermis {arguments}: {stderr}");
         let words: Vec<&str> = stderr.split_whitespace().filter(|word| *word != "│").collect();
         words.join(" ")
+    }
+}
+
+/// A running command, killed when dropped, and its first line of output.
+pub struct Running {
+    pub child: Child,
+    pub line: String,
+}
+
+impl Running {
+    pub fn start(at: &Workplace, arguments: &str) -> Self {
+        let mut child = at.command(arguments).spawn().unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        Running { child, line: line.trim().into() }
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It may have exited already.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
 }

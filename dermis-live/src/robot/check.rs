@@ -9,6 +9,8 @@ use dermis::geom::vector::distance;
 use dermis::method::{MethodSet, Methods};
 use dermis::pipeline::{Command, FrameInput, Pipeline, Settings, Timestamp};
 use dermis_robot::{Robot, WornSkin};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -145,7 +147,7 @@ fn frame_times(sets: &[Arc<MethodSet>]) -> Result<Vec<f64>, LiveError> {
     let pipeline = |set: &Arc<MethodSet>| Pipeline::new(Arc::clone(set), settings.clone());
     let mut pipelines = sets.iter().map(pipeline).collect::<Result<Vec<_>, _>>()?;
     let mut times_s = vec![Vec::new(); sets.len()];
-    let (begun, mut seed) = (clock::now(), 1_u64);
+    let (begun, mut random) = (clock::now(), ChaCha8Rng::seed_from_u64(1));
     for index in 0..tare + TIMED {
         if index == tare {
             // Methods that depend on the tare are one for each skin then.
@@ -155,12 +157,8 @@ fn frame_times(sets: &[Arc<MethodSet>]) -> Result<Vec<f64>, LiveError> {
         }
         let measured_at: Timestamp = begun.after(Duration::from_millis(8 * u64::from(index)));
         for (pipeline, times_s) in pipelines.iter_mut().zip(&mut times_s) {
-            let mut noisy = |value: &f64| {
-                // A congruential generator (Knuth 1997, 3.3.4): white enough for a time.
-                seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                value * (1.0 + NOISE * ((seed >> 33) as f64 / f64::from(1_u32 << 31) - 0.5))
-            };
-            let values: Vec<f64> = pipeline.skin().untouched()?.iter().map(&mut noisy).collect();
+            let noisy = |value: &f64| value * (1.0 + NOISE * (random.random::<f64>() - 0.5));
+            let values: Vec<f64> = pipeline.skin().untouched()?.iter().map(noisy).collect();
             let start = Instant::now();
             pipeline.process(FrameInput::new(u64::from(index), measured_at, values))?;
             if index >= tare {

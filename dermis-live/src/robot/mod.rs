@@ -251,6 +251,10 @@ impl RobotLive {
         self.waiting.extend(events.into_iter().map(RobotOutput::Event));
     }
 
+    fn error(&mut self, skin: Option<usize>, text: String) {
+        self.notice(skin, Notice { level: Severity::Error, text, at: clock::now() });
+    }
+
     fn notice(&mut self, skin: Option<usize>, notice: Notice) {
         let skin = skin.map(|skin| self.state.robot().skins()[skin].name.clone());
         self.waiting.push_back(RobotOutput::Notice { skin, notice });
@@ -267,7 +271,7 @@ impl RobotLive {
                 self.state.connected(skin, facts.serial, now)
             }
             Incoming::Skin(skin, Event::Lost(why)) => {
-                self.notice(Some(skin), Notice { level: Severity::Error, text: why, at: now });
+                self.error(Some(skin), why);
                 self.state.fault(skin, UnknownReason::Lost, now)
             }
             Incoming::Skin(skin, Event::Notice(notice)) => {
@@ -281,12 +285,12 @@ impl RobotLive {
                     states.name.iter().map(String::as_str).zip(states.position.iter().copied()).collect();
                 match self.state.joints(at, &given) {
                     Ok(()) => self.check_clock(at, now),
-                    Err(error) => self.joint_notice(error, now),
+                    Err(error) => self.joint_notice(error),
                 }
                 Vec::new()
             }
             Incoming::Wrong(error) => {
-                self.joint_notice(error, now);
+                self.joint_notice(error);
                 Vec::new()
             }
         };
@@ -302,14 +306,14 @@ impl RobotLive {
                 "the joint states are {:.2} s {relation}: positions in the frame of the base are unknown; set both clocks alike",
                 age_s.abs()
             );
-            self.joint_notice(text, now);
+            self.joint_notice(text);
         }
     }
 
-    fn joint_notice(&mut self, text: String, at: Timestamp) {
+    fn joint_notice(&mut self, text: String) {
         if self.joint_notice.is_none_or(|last| last.elapsed() > JOINT_NOTICE) {
             self.joint_notice = Some(Instant::now());
-            self.notice(None, Notice { level: Severity::Error, text, at });
+            self.error(None, text);
         }
     }
 
@@ -322,7 +326,7 @@ impl RobotLive {
             owner.map_or_else(|| "of no skin of this robot".into(), |owner| format!("that of `{}`", owner.name));
         let text =
             format!("the device has the serial number {serial}, {whose}, in place of {expected}: swap the cables");
-        self.notice(Some(skin), Notice { level: Severity::Error, text, at: clock::now() });
+        self.error(Some(skin), text);
     }
 
     fn ended(&mut self, skin: usize, now: Timestamp) -> Vec<RuleEvent> {
@@ -333,8 +337,7 @@ impl RobotLive {
             // It continues with its baseline.
             reader.options.state = Some(live.stop());
             let _ = forward.join();
-            let text = format!("{why}; it is tried again");
-            self.notice(Some(skin), Notice { level: Severity::Error, text, at: now });
+            self.error(Some(skin), format!("{why}; it is tried again"));
         }
         self.state.fault(skin, UnknownReason::Unserved, now)
     }
@@ -344,7 +347,7 @@ impl RobotLive {
             if self.readers[skin].again.is_some_and(|again| Instant::now() >= again)
                 && let Err(error) = self.read(skin)
             {
-                self.notice(Some(skin), Notice { level: Severity::Error, text: error.to_string(), at: clock::now() });
+                self.error(Some(skin), error.to_string());
             }
         }
     }
@@ -363,8 +366,7 @@ impl RobotLive {
                 | LiveError::Ended { .. }),
             ) => {
                 reader.again = Some(Instant::now() + AGAIN);
-                let notice = Notice { level: Severity::Error, text: error.to_string(), at: clock::now() };
-                self.notice(Some(skin), notice);
+                self.error(Some(skin), error.to_string());
                 let events = self.state.fault(skin, UnknownReason::Unserved, clock::now());
                 self.queue(events);
                 return Ok(());

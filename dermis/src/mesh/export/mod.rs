@@ -4,6 +4,8 @@ mod msh;
 mod stl;
 mod vtu;
 
+pub use stl::write_stl;
+
 use crate::files::{ending, write_whole};
 use crate::mesh::{Cells, ElectrodePatch, Mesh, MeshError};
 use std::io::Write;
