@@ -24,21 +24,22 @@ export async function buildInto(folder) {
   await mkdir(folder, { recursive: true });
   // three has no style sheet.
   const banner = { js: await notices("three", "uplot"), css: await notices("uplot") };
-  const result = await build({
+  const options = {
     absWorkingDir: here,
-    entryPoints: { viewer: "src/main.ts" },
     outdir: folder,
     bundle: true,
     minify: true,
     format: "iife",
     target: ["es2022"],
     legalComments: "inline",
-    banner,
     define: { "process.env.NODE_ENV": '"production"' },
     logLevel: "warning",
-    metafile: true,
-  });
+  };
+  const result = await build({ ...options, entryPoints: { viewer: "src/main.ts" }, banner, metafile: true });
+  // The page of a robot holds no code of other packages, and has the style sheet of the other one.
+  await build({ ...options, entryPoints: { robot: "src/robot/main.ts" } });
   await copyFile(path.join(here, "src/index.html"), path.join(folder, "index.html"));
+  await copyFile(path.join(here, "src/robot/robot.html"), path.join(folder, "robot.html"));
   return result.metafile;
 }
 

@@ -9,8 +9,9 @@ use dermis::design::SkinDesign;
 use dermis_emulate::emulator::Emulator;
 use dermis_live::device::Address;
 use dermis_live::recording::RecordingLimits;
-use dermis_live::sinks::viewer::{Server, ServerOptions};
+use dermis_live::sinks::viewer::{RobotServer, Server, ServerOptions};
 use dermis_live::{Control, Live, Pressable, RecordingOptions};
+use dermis_robot::Robot;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -94,17 +95,35 @@ pub struct PageArguments {
 impl PageArguments {
     /// Serves the page and prints its address.
     pub fn serve(&self, control: &Arc<Control>) -> Outcome<Option<Server>> {
+        let Some(options) = self.options()? else { return Ok(None) };
+        let server = Server::start(Arc::clone(control), &options)?;
+        self.announce(&server);
+        Ok(Some(server))
+    }
+
+    /// Serves the page of a robot and prints its address.
+    pub fn serve_robot(&self, robot: &Robot) -> Outcome<Option<RobotServer>> {
+        let Some(options) = self.options()? else { return Ok(None) };
+        let server = RobotServer::start(robot, &options)?;
+        self.announce(server.server());
+        Ok(Some(server))
+    }
+
+    /// None without a page.
+    fn options(&self) -> Outcome<Option<ServerOptions>> {
         if self.serve == "off" {
             return Ok(None);
         }
-        let token = self.secret()?;
-        let is_hidden = token.is_some() && self.token.is_none();
-        let server = Server::start(Arc::clone(control), &ServerOptions { address: self.serve.clone(), token })?;
+        Ok(Some(ServerOptions { address: self.serve.clone(), token: self.secret()? }))
+    }
+
+    fn announce(&self, server: &Server) {
+        // A token that is not an argument stays hidden.
+        let is_hidden = server.url() != server.url_without_token() && self.token.is_none();
         match is_hidden {
             true => note(&format!("the viewer is at {}?token=TOKEN", server.url_without_token())),
             false => note(&format!("the viewer is at {}", server.url())),
         }
-        Ok(Some(server))
     }
 
     /// The access token: as an argument, in a file or in the environment.

@@ -99,7 +99,7 @@ mod tests {
     #[test]
     fn a_shipped_network_of_another_skin_is_refused_by_name() {
         let skin = Skin::load("tank16").unwrap();
-        assert_eq!(methods().default_name(&skin).unwrap(), "noser");
+        assert_eq!(methods().default_name(&skin).unwrap(), "refined");
         let error = methods().method(&skin, "spots", &MethodOptions::default()).unwrap_err().to_string();
         assert!(error.contains("trained for the skin `cylinder30`"), "{error}");
     }

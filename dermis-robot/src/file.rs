@@ -20,6 +20,7 @@ pub struct Robot {
     skins: Vec<WornSkin>,
     rules: Vec<Rule>,
     kinematics: Option<Kinematics>,
+    description: Option<PathBuf>,
     base: usize,
     needed_joints: Vec<usize>,
 }
@@ -204,6 +205,22 @@ impl Robot {
         self.kinematics.as_ref()
     }
 
+    /// The path of its description.
+    pub fn description(&self) -> Option<&Path> {
+        self.description.as_deref()
+    }
+
+    /// The pose of each link in the frame of the base, at positions in the order of [`Kinematics::joint_names`]; `None` of a
+    /// link that no joints connect with the base, or that hangs on a joint whose position is `NaN`. Empty without a description.
+    ///
+    /// # Panics
+    /// If there are not as many positions as joints.
+    pub fn poses(&self, positions: &[f64]) -> Vec<Option<Pose>> {
+        let Some(kinematics) = &self.kinematics else { return Vec::new() };
+        let posture = kinematics.posture(positions);
+        (0..kinematics.links().len()).map(|link| posture.pose(self.base, link)).collect()
+    }
+
     /// The name of the link whose frame is the base.
     pub fn base(&self) -> Option<&str> {
         self.kinematics.as_ref().map(|kinematics| kinematics.links()[self.base].as_str())
@@ -261,8 +278,8 @@ impl Reader<'_> {
             let (message, fix) = explain_toml_error(error.message());
             self.error(error.span().unwrap_or_default(), message, fix.as_deref())
         })?;
-        let description = file.description.as_ref().map(|path| Kinematics::load(&self.folder.join(path.get_ref())));
-        let kinematics = description.transpose()?;
+        let description = file.description.as_ref().map(|path| self.folder.join(path.get_ref()));
+        let kinematics = description.as_deref().map(Kinematics::load).transpose()?;
         let base = match (&file.base, &kinematics) {
             (Some(base), Some(kinematics)) => self.link(kinematics, base)?,
             (None, Some(kinematics)) => kinematics.root(),
@@ -294,6 +311,7 @@ impl Reader<'_> {
         needed_joints.dedup();
         Ok(Robot {
             name: file.name,
+            description,
             joints: self.joint_source(&file.joints)?,
             age_s: self.within(&file.age_s, "age_s", 0.001..=10.0)?,
             friction: self.within(&file.friction, "friction", 0.0..=10.0)?,

@@ -95,6 +95,12 @@ impl Kinematics {
         self.movable.iter().map(|&joint| &self.joints[joint])
     }
 
+    /// The origins of the joints that a link carries, in its frame, m.
+    pub fn joint_origins(&self, link: usize) -> impl Iterator<Item = Point3> {
+        let below = self.joints.iter().filter(move |joint| joint.parent == link);
+        below.map(|joint| joint.origin.point([0.0; 3]))
+    }
+
     /// The links with their depth in the tree and the joint above each, every link after its parent.
     pub fn tree(&self) -> Vec<(usize, &str, Option<&str>)> {
         let mut rows = Vec::new();

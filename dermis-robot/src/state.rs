@@ -3,6 +3,7 @@
 use crate::file::{OnUnknown, Robot, When};
 use crate::joints::{JointHistory, JointsAt};
 use crate::kinematics::Posture;
+use crate::pose::Pose;
 use crate::snapshot::{
     Cause, EventKind, JointTorque, RobotContact, RuleEvent, SkinSnapshot, Snapshot, UnknownReason, Zone,
 };
@@ -223,6 +224,12 @@ impl RobotState {
             }
         }
         events
+    }
+
+    /// The pose of each link in the frame of the base, as [`Robot::poses`]; `None` without joint states that are young enough.
+    pub fn poses(&self, now: Timestamp) -> Option<Vec<Option<Pose>>> {
+        let at = self.joints.at(self.robot.kinematics()?, now, self.robot.age_s())?;
+        Some(self.robot.poses(&at.positions))
     }
 
     /// What is known now.

@@ -1,7 +1,7 @@
 // One WebSocket that reconnects. Only the newest frame is kept: a page that draws slowly skips frames and builds no
 // backlog.
 
-import type { Command, RefusedMessage, SceneMessage, ServerMessage, StatusMessage } from "./types";
+import type { Command, RefusedMessage, SceneMessage, StatusMessage } from "./types";
 
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 4000;
@@ -10,16 +10,17 @@ const SILENCE_MS = 6000;
 /** No move of a press is sent while this much is queued: the next one replaces it. */
 const SEND_QUEUE_BYTES = 65536;
 
-export interface Listener {
-  setScene(scene: SceneMessage): void;
-  setStatus(status: StatusMessage): void;
+export interface Listener<Scene, Status> {
+  setScene(scene: Scene): void;
+  setStatus(status: Status): void;
   refused(refused: RefusedMessage): void;
   connected(): void;
   /** The connection is lost; the next attempt is in `waitMs`. */
   disconnected(waitMs: number): void;
 }
 
-export class Connection {
+/** `Scene` and `Status` are the messages of the page's server. */
+export class Connection<Scene extends { type: "scene" } = SceneMessage, Status extends { type: "status" } = StatusMessage> {
   private socket: WebSocket | null = null;
   private newest: ArrayBuffer | null = null;
   private waitMs = FIRST_WAIT_MS;
@@ -30,7 +31,7 @@ export class Connection {
 
   constructor(
     private readonly address: string,
-    private readonly listener: Listener,
+    private readonly listener: Listener<Scene, Status>,
   ) {}
 
   get connected(): boolean {
@@ -70,13 +71,13 @@ export class Connection {
       this.newest = data;
       return;
     }
-    const message = JSON.parse(data) as ServerMessage;
+    const message = JSON.parse(data) as Scene | Status | RefusedMessage;
     if (message.type === "scene") this.receiveScene(data, message);
     else if (message.type === "status") this.listener.setStatus(message);
-    else if (message.type === "refused") this.listener.refused(message);
+    else this.listener.refused(message);
   }
 
-  private receiveScene(data: string, scene: SceneMessage): void {
+  private receiveScene(data: string, scene: Scene): void {
     if (data !== this.lastScene) {
       this.lastScene = data;
       this.newest = null;

@@ -125,7 +125,6 @@ export interface RefusedMessage {
   why: string;
 }
 
-export type ServerMessage = SceneMessage | StatusMessage | RefusedMessage;
 
 /** A contact, as in JSON lines (docs/file-formats.md). Written by a test of dermis-live. */
 export interface Contact {
@@ -170,7 +169,7 @@ export interface FrameHeader {
 }
 
 export type Command =
-  | { do: "tare" }
+  | { do: "tare"; skin?: string }
   | { do: "threshold"; value: number }
   | { do: "method"; name: string }
   | { do: "record"; on: boolean }

@@ -4,14 +4,16 @@ use crate::console::{StatusLine, note, on_interrupt, print, print_json};
 use crate::emulated::EmulatorArguments;
 use crate::failure::{Failure, Outcome};
 use crate::range::number;
+use crate::source::PageArguments;
 use clap::{Args, Subcommand};
 use dermis::design::SkinDesign;
-use dermis::pipeline::Settings;
+use dermis::pipeline::{Notice, Settings, Severity};
 use dermis::text::{counted, printable};
 use dermis_calibrate::Calibration;
 use dermis_emulate::emulator::Emulator;
 use dermis_live::device::Address;
 use dermis_live::robot::{RobotLive, RobotOutput, RobotReport, check};
+use dermis_live::sinks::viewer::{RobotRequest, RobotServer};
 use dermis_live::sinks::watchdog;
 use dermis_live::{LiveOptions, clock};
 use dermis_robot::{Cause, EventKind, Kinematics, Robot, RuleEvent, Snapshot, Zone};
@@ -75,6 +77,8 @@ struct RunArguments {
     /// Write a line of JSON for each snapshot, and one for each event at once, to standard output: `-`.
     #[arg(long, value_name = "-", value_parser = ["-"])]
     jsonl: Option<String>,
+    #[command(flatten)]
+    page: PageArguments,
     /// Send a UDP datagram to HOST:PORT for each snapshot in which every required skin is known.
     #[arg(long, value_name = "HOST:PORT")]
     watchdog: Option<String>,
@@ -170,6 +174,7 @@ impl RunArguments {
         });
         drop(waiting);
         let mut live = started?;
+        let mut page = self.page.serve_robot(&robot)?;
         let swings = self.emulate && *robot.joint_source() == dermis_robot::JointSource::None;
         let (begun, mut shown, mut swung) = (Instant::now(), Instant::now(), None);
         let line = StatusLine::new();
@@ -180,6 +185,9 @@ impl RunArguments {
                 swung = Some(Instant::now());
                 swing(&mut live, &robot, begun.elapsed().as_secs_f64());
             }
+            for RobotRequest::Tare { skin } in page.iter().flat_map(RobotServer::requests) {
+                live.tare(skin.as_deref());
+            }
             let Some(output) = live.next(SWING_EVERY) else { continue };
             if self.jsonl.is_some() && !matches!(output, RobotOutput::Notice { .. }) && !write_line(&output)? {
                 break;
@@ -187,14 +195,25 @@ impl RunArguments {
             match output {
                 RobotOutput::Event(event) => {
                     counts.1 += 1;
-                    line.print(&event_text(&event));
+                    let text = event_text(&event);
+                    line.print(&text);
+                    if let Some(page) = &page {
+                        page.say(Notice { level: Severity::Info, text, at: event.at });
+                    }
                 }
                 RobotOutput::Notice { skin, notice } => {
                     let whose = skin.map(|skin| format!("{skin}: ")).unwrap_or_default();
-                    line.notice(notice.level, &format!("{whose}{}", notice.text));
+                    let text = format!("{whose}{}", notice.text);
+                    line.notice(notice.level, &text);
+                    if let Some(page) = &page {
+                        page.say(Notice { text, ..notice });
+                    }
                 }
                 RobotOutput::Snapshot(snapshot) => {
                     counts.0 += 1;
+                    if let Some(page) = &mut page {
+                        page.show(&robot, &snapshot, live.state().poses(snapshot.at).as_deref());
+                    }
                     if let Some(socket) = heartbeat.as_ref().filter(|_| snapshot.complete) {
                         let alive = serde_json::json!({ "at": snapshot.at, "touched": snapshot.touched });
                         // Without a datagram the watchdog stops the robot, as it should.
@@ -210,6 +229,7 @@ impl RunArguments {
         drop(line);
         let last = live.state().snapshot(clock::now());
         live.stop();
+        page.into_iter().for_each(RobotServer::stop);
         emulators.iter().for_each(|emulator: &Arc<Emulator>| emulator.stop());
         note(&format!("{}, {}; {}", counted(counts.0, "snapshot"), counted(counts.1, "event"), status(&last)));
         Ok(())

@@ -35,7 +35,7 @@ use crate::clock;
 use crate::runtime::{Event, Live, LiveOptions, Mailbox, Popped};
 use crate::{LiveError, runtime};
 use dermis::method::{MethodSet, Methods};
-use dermis::pipeline::{Notice, Severity, Timestamp};
+use dermis::pipeline::{Command, Notice, Severity, Timestamp};
 use dermis::skin::Skin;
 use dermis_robot::{JointSource, Robot, RobotState, RuleEvent, Snapshot, UnknownReason, WornSkin};
 use serde::{Deserialize, Serialize};
@@ -199,6 +199,15 @@ impl RobotLive {
     /// As there.
     pub fn joints(&mut self, at: Timestamp, positions: &[(&str, f64)]) -> Result<(), String> {
         self.state.joints(at, positions)
+    }
+
+    /// Begins a new tare of a skin, or of all that are read.
+    pub fn tare(&self, skin: Option<&str>) {
+        for (reader, worn) in self.readers.iter().zip(self.state.robot().skins()) {
+            if let Some((live, _)) = reader.live.as_ref().filter(|_| skin.is_none_or(|skin| skin == worn.name)) {
+                live.shared().command(Command::Tare);
+            }
+        }
     }
 
     /// The handle of a skin, for commands as a tare; `None` while it is not read.

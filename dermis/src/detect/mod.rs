@@ -168,6 +168,11 @@ impl Detector {
         Detector { positive: Some(positive), ..self }
     }
 
+    /// Whether it looks for contacts of both signs.
+    pub(crate) fn has_both_signs(&self) -> bool {
+        self.positive.is_some()
+    }
+
     /// The contacts in an image, the strongest peak first.
     ///
     /// Values that are not finite belong to no contact.

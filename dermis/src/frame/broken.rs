@@ -1,12 +1,17 @@
 //! Detection of broken channels in frames of the untouched skin.
 
-use crate::frame::{Frame, mean};
+use crate::frame::{Frame, mean, quantities};
 use crate::protocol::Protocol;
-use crate::stats::upper_median;
+use crate::stats::{rms, upper_median};
 
 /// A channel is broken if its noise is this many times that of the median channel: for some channels, range switching
 /// of the converter gives four times the noise, a drive without current about a thousand times.
 const TOO_NOISY: f64 = 30.0;
+/// Reciprocal channels contradict each other if they are this many times as far apart as noise and the median pair: errors of
+/// gain reach a few times that of the median.
+const TOO_FAR_APART: f64 = 10.0;
+/// Noise below this part of the values is an error of arithmetic.
+const ROUNDING: f64 = 1e-9;
 
 /// The channels with far more noise than others in frames of an untouched skin, or with values that are not finite,
 /// ascending: for example the channels of a drive through a disconnected electrode. Empty for fewer than two frames.
@@ -15,13 +20,55 @@ const TOO_NOISY: f64 = 30.0;
 /// If the frames differ in length.
 pub fn broken_channels(untouched: &[Frame]) -> Vec<usize> {
     let Some(mean) = mean(untouched).filter(|_| untouched.len() > 1) else { return Vec::new() };
-    let square = |channel: usize| untouched.iter().map(|frame| (frame[channel] - mean[channel]).powi(2)).sum::<f64>();
-    let sd: Vec<f64> = (0..mean.len()).map(|channel| (square(channel) / untouched.len() as f64).sqrt()).collect();
+    let sd = deviations(untouched, &mean);
     let finite: Vec<f64> = sd.iter().copied().filter(|sd| sd.is_finite()).collect();
     let median = upper_median(&finite).unwrap_or(0.0);
     // Without noise no channel can be judged.
     let is_broken = |sd: f64| !sd.is_finite() || (median > 0.0 && sd > TOO_NOISY * median);
     (0..sd.len()).filter(|&channel| is_broken(sd[channel])).collect()
+}
+
+/// The channels that differ from their reciprocal ones far more than noise explains and than other pairs do, absolutely and
+/// relative to their values, ascending: one of a pair is saturated, or read before it has settled. From the mean of untouched
+/// frames, and these frames or their deviations from it; empty without noise.
+///
+/// # Panics
+/// If the mean has another length than the protocol or the frames.
+pub fn contradicting_channels(rest: &Frame, untouched: &[Frame], protocol: &Protocol) -> Vec<usize> {
+    assert_eq!(rest.len(), protocol.channel_count(), "a frame of the protocol");
+    let Some(mean) = mean(untouched).filter(|_| untouched.len() > 1) else { return Vec::new() };
+    let median = |values: Vec<f64>| upper_median(&values).unwrap_or(0.0);
+    let noise_of_mean = median(deviations(untouched, &mean)) / (untouched.len() as f64).sqrt();
+    if noise_of_mean <= ROUNDING * rms(rest.iter().copied()) {
+        return Vec::new();
+    }
+    let pair = |group: Vec<(usize, f64)>| {
+        let values: Vec<f64> = group.iter().map(|&(channel, sign)| sign * rest[channel]).collect();
+        let [least, most] = [f64::min, f64::max].map(|of| values.iter().copied().reduce(of).unwrap_or(f64::NAN));
+        Pair { apart: most - least, size: least.abs().max(most.abs()), group }
+    };
+    let groups = quantities(protocol).into_iter().filter(|group| group.len() > 1);
+    let pairs: Vec<Pair> = groups.map(pair).filter(|pair| pair.apart.is_finite() && pair.size > 0.0).collect();
+    let usual = noise_of_mean.max(median(pairs.iter().map(|pair| pair.apart).collect()));
+    let usual_part = median(pairs.iter().map(|pair| pair.apart / pair.size).collect());
+    let is_far = |pair: &&Pair| pair.apart > TOO_FAR_APART * usual.max(usual_part * pair.size);
+    let far = pairs.iter().filter(is_far).flat_map(|pair| &pair.group);
+    let mut channels: Vec<usize> = far.map(|&(channel, _)| channel).collect();
+    channels.sort_unstable();
+    channels
+}
+
+/// Channels that measure the same quantity, and how far apart they are.
+struct Pair {
+    apart: f64,
+    size: f64,
+    group: Vec<(usize, f64)>,
+}
+
+/// The standard deviation of each channel.
+fn deviations(frames: &[Frame], mean: &Frame) -> Vec<f64> {
+    let square = |channel: usize| frames.iter().map(|frame| (frame[channel] - mean[channel]).powi(2)).sum::<f64>();
+    (0..mean.len()).map(|channel| (square(channel) / frames.len() as f64).sqrt()).collect()
 }
 
 /// The electrodes that carry no current, ascending: most channels of each of their drives are unusable. Where two electrodes
@@ -57,6 +104,39 @@ mod tests {
         assert!(broken_channels(&frames[..1]).is_empty() && broken_channels(&[]).is_empty());
         assert!(broken_channels(&vec![Frame(vec![1.0, 2.0]); 5]).is_empty());
     }
+
+    /// One value of a pair is clipped by 4 %: both are named. Without noise, or where all pairs differ, nothing is.
+    #[test]
+    fn a_saturated_channel_contradicts_its_reciprocal_one() {
+        let protocol = Protocol::adjacent(8).unwrap();
+        let of_quantity: Vec<f64> = {
+            let mut values = vec![0.0; protocol.channel_count()];
+            for (number, group) in quantities(&protocol).iter().enumerate() {
+                group.iter().for_each(|&(channel, sign)| values[channel] = sign * (10.0 + number as f64));
+            }
+            values
+        };
+        let clipped = (0..of_quantity.len()).max_by(|a, b| of_quantity[*a].total_cmp(&of_quantity[*b])).unwrap();
+        let pair =
+            quantities(&protocol).into_iter().find(|group| group.iter().any(|(one, _)| *one == clipped)).unwrap();
+        let mut expected: Vec<usize> = pair.into_iter().map(|(channel, _)| channel).collect();
+        expected.sort_unstable();
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut frames = |noise: f64, by_channel: f64, clip: f64| -> Vec<Frame> {
+            let value = |(channel, value): (usize, &f64), random: f64| {
+                let value = value + by_channel * (channel % 7) as f64 + noise * random;
+                if channel == clipped { value * clip } else { value }
+            };
+            let mut frame = || Frame(of_quantity.iter().enumerate().map(|one| value(one, rng.random())).collect());
+            (0..20).map(|_| frame()).collect()
+        };
+        let found = |frames: &[Frame]| contradicting_channels(&mean(frames).unwrap(), frames, &protocol);
+        assert_eq!(found(&frames(0.02, 0.0, 0.96)), expected);
+        for none in [frames(0.02, 0.0, 1.0), frames(0.0, 0.0, 0.96), frames(0.02, 0.5, 0.96)] {
+            assert!(found(&none).is_empty());
+        }
+    }
+
     #[test]
     fn an_electrode_whose_drives_have_no_current_is_disconnected() {
         let protocol = Protocol::adjacent(8).unwrap();

@@ -18,7 +18,7 @@ mod table;
 mod text;
 mod truth;
 
-pub use broken::{broken_channels, disconnected_electrodes};
+pub use broken::{broken_channels, contradicting_channels, disconnected_electrodes};
 pub use complex::Part;
 pub use csv::write_csv;
 pub use currents::DriveCurrents;

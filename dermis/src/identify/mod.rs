@@ -36,7 +36,7 @@ mod placement;
 #[cfg(test)]
 mod tests;
 
-use crate::design::{Body, SkinDesign};
+use crate::design::SkinDesign;
 use crate::estimate::least_squares::{Control, LeastSquares, Normal, Steps, minimise};
 use crate::forward::{ForwardError, ForwardModel};
 use crate::frame::{Frame, quantities};
@@ -372,6 +372,13 @@ impl Value {
     fn sign(&self) -> f64 {
         self.channels[0].1
     }
+
+    /// The standard error of its mean by how far its channels are apart in a frame: a saturated one is not as its reciprocal one.
+    fn disagreement(&self, frame: &Frame) -> f64 {
+        let (count, mean) = (self.channels.len() as f64, self.of(&|channel| frame[channel]));
+        let squares: f64 = self.channels.iter().map(|&(channel, sign)| (sign * frame[channel] - mean).powi(2)).sum();
+        if count > 1.0 { (squares / (count * (count - 1.0))).sqrt() } else { 0.0 }
+    }
 }
 
 struct Data {
@@ -410,7 +417,7 @@ impl Identifier {
                 true => DRIVEN_ERROR * value.measured.abs(),
                 false => self.options.relative_error * free_rms,
             };
-            value.sd = variance.sqrt().hypot(error);
+            value.sd = variance.sqrt().hypot(error).hypot(value.disagreement(untouched));
             value
         };
         let groups = self.quantities.iter().filter(|group| group.iter().any(|&(channel, _)| usable(channel)));
@@ -419,18 +426,16 @@ impl Identifier {
     }
 }
 
-/// The untouched frame of a design on a finer mesh minus that of its model; zero on a body that is a mesh file. The cells
-/// of the finer mesh are quarters of the model's, with their new corners on the surface.
+/// The untouched frame of a design on a finer mesh minus that of its model; zero on tetrahedra. The cells of the finer mesh are
+/// quarters of the model's, with their new corners on the surface, or on the triangles of a body that is a mesh file.
 fn discretisation_ohm(design: &SkinDesign, model: &ForwardModel) -> crate::Result<Vec<f64>> {
     let surface = design.body.surface();
-    let finer = match design.body {
-        Body::Mesh { .. } => None,
-        _ => model.mesh().refined(|_| true),
-    };
-    let Some(Refined { mesh: mut finer, .. }) = finer else {
+    let Some(Refined { mesh: mut finer, .. }) = model.mesh().refined(|_| true) else {
         return Ok(vec![0.0; design.protocol.channel_count()]);
     };
-    finer.nodes.iter_mut().for_each(|node| *node = surface.walk(*node, [0.0; 2]));
+    if surface != Surface::Free {
+        finer.nodes.iter_mut().for_each(|node| *node = surface.walk(*node, [0.0; 2]));
+    }
     let finer = ForwardModel::new(design, &finer)?;
     let exact = finer.solve(finer.rest_conductivity())?;
     Ok((&exact - &model.solve(model.rest_conductivity())?).0)

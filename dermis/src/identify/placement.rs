@@ -2,10 +2,11 @@
 
 use crate::design::{Body, SkinDesign};
 use crate::forward::NodeVelocities;
-use crate::geom::vector::{scale, sub};
+use crate::geom::vector::{add, cross, distance, dot, normalize, scale, sub};
 use crate::geom::{Point3, Surface};
 use crate::identify::IdentifyOptions;
 use crate::mesh::{ElectrodePatch, Mesh};
+use std::collections::{HashMap, HashSet};
 
 /// The nodes within this many radii of an electrode's centre move with it.
 const RIGID_RADII: f64 = 1.2;
@@ -23,12 +24,21 @@ const STEP: f64 = 1e-4;
 /// one axis (relative).
 #[derive(Debug, Clone)]
 pub(super) struct Displacement {
-    /// The electrode and its direction in the surface's chart; `None` for a change of size.
+    /// The electrode and its direction in the surface's chart, or in the tangent plane of a body from a mesh; `None` for a
+    /// change of size.
     pub electrode: Option<(usize, [f64; 2])>,
     /// Standard deviation of its prior.
     pub sd: f64,
-    /// The nodes that move, with their displacements in the surface's chart for a displacement by one unit.
-    nodes: Vec<(usize, [f64; 2])>,
+    nodes: Moved,
+}
+
+/// The nodes that move, with their displacements for a displacement by one unit.
+#[derive(Debug, Clone)]
+enum Moved {
+    /// In the surface's chart.
+    Along(Vec<(usize, [f64; 2])>),
+    /// In the tangent planes of a mesh.
+    Straight(NodeVelocities),
 }
 
 impl Displacement {
@@ -38,23 +48,33 @@ impl Displacement {
             let at = |by: f64| surface.walk(nodes_m[node], unit.map(|axis| axis * by));
             (node, scale(sub(at(STEP), at(-STEP)), 0.5 / STEP))
         };
-        self.nodes.iter().map(velocity).collect()
+        match &self.nodes {
+            Moved::Along(nodes) => nodes.iter().map(velocity).collect(),
+            Moved::Straight(velocities) => velocities.clone(),
+        }
     }
 
     /// Adds a displacement to the nodes.
     pub(super) fn apply(&self, surface: &Surface, by: f64, nodes_m: &mut [Point3]) {
-        for &(node, unit) in &self.nodes {
-            nodes_m[node] = surface.walk(nodes_m[node], unit.map(|axis| axis * by));
+        match &self.nodes {
+            Moved::Along(nodes) => {
+                for &(node, unit) in nodes {
+                    nodes_m[node] = surface.walk(nodes_m[node], unit.map(|axis| axis * by));
+                }
+            }
+            Moved::Straight(velocities) => {
+                velocities.iter().for_each(|&(node, unit)| nodes_m[node] = add(nodes_m[node], scale(unit, by)));
+            }
         }
     }
 }
 
-/// The displacements on a body with a chart: of all electrodes that are patches of cells, in both directions or along the edge
-/// that they are on, of those that are parts of the edge of a flat body along it, and of the sizes that have a deviation.
+/// The displacements of all electrodes that are patches of cells, in both directions or along the edge that they are on, of those
+/// that are parts of the edge of a flat body along it, and, on a body with a chart, of the sizes that have a deviation.
 pub(super) fn displacements(design: &SkinDesign, mesh: &Mesh, options: &IdentifyOptions) -> Vec<Displacement> {
     let surface = design.body.surface();
     if surface == Surface::Free {
-        return Vec::new();
+        return in_tangent_planes(design, mesh, options.displacement_m);
     }
     let (mut all, mut wider) = (Vec::new(), Vec::new());
     let (mut longer, in_chart) = longer(&design.body, mesh);
@@ -70,7 +90,7 @@ pub(super) fn displacements(design: &SkinDesign, mesh: &Mesh, options: &Identify
         all.extend(directions.into_iter().map(|direction| {
             let at = |node: usize| kept_on_rim(&design.body, centre_m, mesh.nodes[node], direction);
             let nodes = nodes.iter().map(|&(node, part)| (node, at(node).map(|axis| axis * part))).collect();
-            Displacement { electrode: Some((electrode, direction)), sd, nodes }
+            Displacement { electrode: Some((electrode, direction)), sd, nodes: Moved::Along(nodes) }
         }));
         let from_centre = |&(node, part): &(usize, f64)| {
             let by = surface.chart(centre_m, mesh.nodes[node]).map(|axis| axis * part);
@@ -86,8 +106,80 @@ pub(super) fn displacements(design: &SkinDesign, mesh: &Mesh, options: &Identify
     }
     let sizes = [(options.radius_sd, wider), (options.length_sd, longer)];
     let sizes = sizes.into_iter().filter(|(sd, nodes)| *sd > 0.0 && !nodes.is_empty());
-    all.extend(sizes.map(|(sd, nodes)| Displacement { electrode: None, sd, nodes }));
+    all.extend(sizes.map(|(sd, nodes)| Displacement { electrode: None, sd, nodes: Moved::Along(nodes) }));
     all
+}
+
+/// The displacements of electrodes that are patches of cells on a body known only by its mesh: in two directions of the tangent
+/// plane of the patch, each node in its own tangent plane; along the edge of the mesh for a patch that is on it.
+fn in_tangent_planes(design: &SkinDesign, mesh: &Mesh, displacement_m: f64) -> Vec<Displacement> {
+    let normals = node_normals(mesh);
+    let edge = edge_nodes(mesh);
+    let edge_m = |at: Point3| edge.keys().map(|&node| distance(mesh.nodes[node], at)).fold(f64::INFINITY, f64::min);
+    let mut all = Vec::new();
+    for (electrode, patch) in mesh.electrodes.iter().enumerate() {
+        if !matches!(patch, ElectrodePatch::Cells(_)) {
+            continue;
+        }
+        let own = mesh.electrode_nodes(electrode);
+        let normal = normalize(own.iter().fold([0.0; 3], |sum, &node| add(sum, normals[node])));
+        let along_edge = own.iter().find_map(|node| edge.get(node));
+        let directions: Vec<([f64; 2], Point3)> = match along_edge {
+            Some(&along) => vec![([1.0, 0.0], along)],
+            None => {
+                let mut axis = [0.0; 3];
+                axis[(0..3).min_by(|a, b| normal[*a].abs().total_cmp(&normal[*b].abs())).unwrap_or(0)] = 1.0;
+                let second = normalize(cross(normal, axis));
+                vec![([1.0, 0.0], cross(second, normal)), ([0.0, 1.0], second)]
+            }
+        };
+        let centre_m = mesh.electrode_centre(electrode);
+        let space_m = if along_edge.is_some() { None } else { Some(edge_m(centre_m)) };
+        let nodes = moving_within(design, mesh, electrode, centre_m, space_m);
+        let sd = displacement_m / (directions.len() as f64).sqrt();
+        all.extend(directions.into_iter().map(|(direction, in_space)| {
+            let velocity = |&(node, part): &(usize, f64)| {
+                let held = match edge.get(&node) {
+                    Some(&along) => scale(along, dot(along, in_space)),
+                    None => sub(in_space, scale(normals[node], dot(normals[node], in_space))),
+                };
+                (node, scale(held, part))
+            };
+            let nodes = Moved::Straight(nodes.iter().map(velocity).collect());
+            Displacement { electrode: Some((electrode, direction)), sd, nodes }
+        }));
+    }
+    all
+}
+
+/// The unit normal of each node: the mean over its triangles by area.
+fn node_normals(mesh: &Mesh) -> Vec<Point3> {
+    let mut normals = vec![[0.0; 3]; mesh.node_count()];
+    for cell in 0..mesh.cell_count() {
+        let &[a, b, c] = mesh.cells.corners(cell) else { continue };
+        let area = cross(sub(mesh.nodes[b], mesh.nodes[a]), sub(mesh.nodes[c], mesh.nodes[a]));
+        [a, b, c].into_iter().for_each(|node| normals[node] = add(normals[node], area));
+    }
+    normals.into_iter().map(normalize).collect()
+}
+
+/// The nodes on the edge of a mesh of triangles, with the direction of the edge.
+fn edge_nodes(mesh: &Mesh) -> HashMap<usize, Point3> {
+    let sides = (0..mesh.cell_count()).flat_map(|cell| {
+        let corners = mesh.cells.corners(cell);
+        (0..corners.len()).map(|side| [corners[side], corners[(side + 1) % corners.len()]])
+    });
+    let sides: HashSet<[usize; 2]> = sides.collect();
+    let mut along = HashMap::new();
+    // Triangles have one orientation: the edge is on the sides that no other triangle has in reverse.
+    for &[a, b] in sides.iter().filter(|&&[a, b]| !sides.contains(&[b, a])) {
+        let by = sub(mesh.nodes[b], mesh.nodes[a]);
+        [a, b].into_iter().for_each(|node| {
+            let sum = along.entry(node).or_insert([0.0; 3]);
+            *sum = add(*sum, by);
+        });
+    }
+    along.into_iter().map(|(node, by)| (node, normalize(by))).collect()
 }
 
 /// The displacements of all nodes when the body becomes longer, on one axis, and this axis in the chart. None on other bodies:
@@ -143,15 +235,26 @@ fn kept_on_rim(body: &Body, centre_m: Point3, node_m: Point3, [u, v]: [f64; 2]) 
 
 /// The nodes that move with an electrode: fully within it, and less with the distance, so that cells stay valid.
 fn moving(design: &SkinDesign, mesh: &Mesh, electrode: usize) -> Vec<(usize, f64)> {
-    let surface = design.body.surface();
     let centre_m = design.electrodes[electrode].centre_m;
+    let edge_m = design.body.edge_distance_m(centre_m).filter(|&edge_m| edge_m > ON_EDGE_M);
+    moving_within(design, mesh, electrode, centre_m, edge_m)
+}
+
+/// The same about a centre, where nothing farther than a distance moves, if there is one.
+fn moving_within(
+    design: &SkinDesign,
+    mesh: &Mesh,
+    electrode: usize,
+    centre_m: Point3,
+    space_m: Option<f64>,
+) -> Vec<(usize, f64)> {
+    let surface = design.body.surface();
     let distance_m = |point: Point3| surface.distance_m(centre_m, point);
     let own = mesh.electrode_nodes(electrode).into_iter();
     let radius_m = own.map(|node| distance_m(mesh.nodes[node])).fold(0.0, f64::max);
     let others = design.electrodes.iter().enumerate().filter(|(other, _)| *other != electrode);
     let next_m = others.map(|(_, other)| distance_m(other.centre_m)).fold(f64::INFINITY, f64::min);
-    let edge_m = design.body.edge_distance_m(centre_m).filter(|&edge_m| edge_m > ON_EDGE_M);
-    let reach_m = (REACH_RADII * radius_m).min(REACH_SHARE * next_m).min(edge_m.unwrap_or(f64::INFINITY));
+    let reach_m = (REACH_RADII * radius_m).min(REACH_SHARE * next_m).min(space_m.unwrap_or(f64::INFINITY));
     let rigid_m = (RIGID_RADII * radius_m).min(0.5 * (radius_m + reach_m));
     let part = |distance_m: f64| {
         let t = ((distance_m - rigid_m) / (reach_m - rigid_m)).clamp(0.0, 1.0);

@@ -148,13 +148,13 @@ impl Method {
     }
 
     /// Checks that it can find contacts of both signs: images of linear methods are positive or negative by the sign of
-    /// the change of conductance.
+    /// the change of conductance. Contacts of both signs are not refined.
     ///
     /// # Errors
     /// A method that is not linear.
     pub fn check_both_signs(&self) -> Result<(), MethodError> {
         let message = "finds only touches, not contacts of both signs: give a linear method, as in --method noser";
-        let is_linear = Methods::LINEAR.contains(&self.name());
+        let is_linear = Methods::LINEAR.contains(&self.name()) || self.reconstruct.matrix().is_some();
         if is_linear { Ok(()) } else { Err(MethodError::option(self.label(), message)) }
     }
 
@@ -330,17 +330,14 @@ impl Methods {
         self
     }
 
-    /// The names of all methods for a skin, the preferred one first: [`REFINED`](Self::REFINED) on a skin with methods of
-    /// other sources, whose instrument records signs, where contacts can be refined.
+    /// The names of all methods for a skin, the preferred one first: [`REFINED`](Self::REFINED) where contacts can be refined.
     ///
     /// # Errors
     /// A source whose names cannot be read.
     pub fn names(&self, skin: &Skin) -> Result<Vec<String>, MethodError> {
         let mut names = self.own_names(skin)?;
         if Refiner::check(skin.forward()).is_ok() {
-            let is_linear = Self::LINEAR.contains(&names[0].as_str());
-            let is_last = is_linear || skin.design().protocol.amplitude_only();
-            names.insert(if is_last { names.len() } else { 0 }, Self::REFINED.into());
+            names.insert(0, Self::REFINED.into());
         }
         Ok(names)
     }

@@ -19,8 +19,8 @@ fn every_linear_method_reconstructs_and_knows_its_name() {
         let image = method.image(&zero).unwrap();
         assert!(image.values.iter().all(|value| value.abs() < 1e-9), "{name}: no change gives no image");
     }
-    assert_eq!(methods.default_name(&skin).unwrap(), "noser");
-    assert_eq!(methods.method(&skin, Methods::BEST, &MethodOptions::default()).unwrap().name(), "noser");
+    assert_eq!(methods.default_name(&skin).unwrap(), "refined");
+    assert_eq!(methods.method(&skin, Methods::BEST, &MethodOptions::default()).unwrap().name(), "refined");
 }
 
 #[test]
@@ -58,18 +58,18 @@ fn a_method_without_channels_ignores_them() {
 #[test]
 fn a_set_has_the_default_and_the_method_that_is_asked_for() {
     let set = MethodSet::new(&Methods::linear(), skin(), Some("greit")).unwrap();
-    assert_eq!(set.names().collect::<Vec<_>>(), ["noser", "laplace", "greit"]);
-    assert_eq!((set.method("").unwrap().name(), set.extra().unwrap().name()), ("noser", "greit"));
-    assert_eq!(set.method(Methods::BEST).unwrap().name(), "noser");
-    assert!(set.method("tv").unwrap_err().to_string().contains("noser, laplace, greit"));
+    assert_eq!(set.names().collect::<Vec<_>>(), ["refined", "noser", "laplace", "greit"]);
+    assert_eq!((set.method("").unwrap().name(), set.extra().unwrap().name()), ("refined", "greit"));
+    assert_eq!(set.method(Methods::BEST).unwrap().name(), "refined");
+    assert!(set.method("tv").unwrap_err().to_string().contains("refined, noser, laplace, greit"));
 }
 
-/// The default of a skin without other methods is not refined, but contacts can be.
+/// On a skin without other methods the contacts of the best linear one are refined.
 #[test]
-fn refined_is_the_last_name_where_all_methods_are_linear() {
+fn refined_is_the_default_where_all_methods_are_linear() {
     let skin = skin();
     let names = Methods::linear().names(&skin).unwrap();
-    assert_eq!((names[0].as_str(), names.last().unwrap().as_str()), ("noser", Methods::REFINED));
+    assert_eq!(names[..2], [Methods::REFINED, "noser"]);
     let method = Methods::linear().method(&skin, Methods::REFINED, &MethodOptions::default()).unwrap();
     assert_eq!((method.name(), method.label()), (Methods::REFINED, "one-step NOSER, refined"));
     assert_eq!(Methods::linear().unrefined_name(&skin).unwrap(), "noser");

@@ -52,7 +52,10 @@ impl dyn Reconstruct + '_ {
         }
         let detected = search.detector.detect_under(image);
         let mut contacts: Vec<Contact> = detected.iter().map(|(contact, _)| *contact).collect();
-        self.correct(difference, &mut contacts);
+        // What raises and what lowers the conductance is no touch alone.
+        if !search.detector.has_both_signs() {
+            self.correct(difference, &mut contacts);
+        }
         let unseen = search.unseen.filter(|_| search.alone || !detected.is_empty());
         Ok(with_signals(&image.space.surface, contacts, &detected, unseen))
     }

@@ -6,7 +6,7 @@ use crate::detect::{DetectOptions, Forces};
 use crate::estimate::noise::ChannelNoise;
 use crate::estimate::scale;
 use crate::forward::{ForwardModel, Matrix};
-use crate::frame::{Frame, broken_channels, disconnected_electrodes};
+use crate::frame::{Frame, broken_channels, contradicting_channels, disconnected_electrodes};
 use crate::identify::{Identifier, IdentifyOptions};
 use crate::image::PixelSpace;
 use crate::reconstruct::{MIN_UNTOUCHED_FRAMES, Quantity, Reconstruct, ReconstructError};
@@ -88,7 +88,7 @@ impl Refined {
     }
 
     fn refinement(&self, rest: &Frame, untouched: &[Frame]) -> crate::Result<Refinement> {
-        let of_frame = self.noise_ohm(untouched);
+        let of_frame = self.noise_ohm(rest, untouched);
         let times = |factor: f64| -> Vec<f64> { of_frame.iter().map(|sd| factor * sd).collect() };
         // A difference has the noise of the baseline, too.
         let rows = untouched.len() as f64;
@@ -126,10 +126,10 @@ impl Refined {
         Ok(Refinement::Prepared(Arc::new(refiner), factors.into()))
     }
 
-    /// The standard deviation of each channel in untouched frames, ohm; 0 for one that is left out, broken, constant, or uses a
-    /// disconnected electrode, whose voltage does not settle. That of a channel at a driven electrode is at least a multiple
-    /// of the others'.
-    fn noise_ohm(&self, untouched: &[Frame]) -> Vec<f64> {
+    /// The standard deviation of each channel in untouched frames, ohm; 0 for one that is left out, broken, constant, contradicts
+    /// its reciprocal one, or uses a disconnected electrode, whose voltage does not settle. That of a channel at a driven
+    /// electrode is at least a multiple of the others'.
+    fn noise_ohm(&self, rest: &Frame, untouched: &[Frame]) -> Vec<f64> {
         let protocol = &self.design.protocol;
         let broken = broken_channels(untouched);
         let varies = |channel: usize| untouched.iter().any(|frame| frame[channel] != 0.0);
@@ -137,8 +137,11 @@ impl Refined {
             varies(channel) && !self.excluded.contains(&channel) && broken.binary_search(&channel).is_err()
         };
         let disconnected = disconnected_electrodes(protocol, is_used);
+        let contradicting = contradicting_channels(rest, untouched, protocol);
         let is_usable = |channel: usize| {
-            is_used(channel) && !disconnected.iter().any(|&electrode| protocol.channels()[channel].uses(electrode))
+            is_used(channel)
+                && contradicting.binary_search(&channel).is_err()
+                && !disconnected.iter().any(|&electrode| protocol.channels()[channel].uses(electrode))
         };
         let Some(noise) = ChannelNoise::of_used(untouched, protocol, is_usable) else {
             return vec![0.0; protocol.channel_count()];

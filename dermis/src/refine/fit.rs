@@ -33,6 +33,8 @@ const SPLIT_M: f64 = 8e-3;
 const MAX_CHANGES: usize = 32;
 /// A touch is at most this many times as wide as usual, and at least one over this.
 const WIDEST: f64 = 4.0;
+/// The 95 % quantile of the absolute value of Student's distribution of one degree of freedom, over that of a normal one.
+const WIDTH_TAIL: f64 = 12.706 / 1.960;
 /// Places at which one more touch is tried.
 const MORE_TRIED: usize = 3;
 /// A frame has at most this many touches.
@@ -418,12 +420,17 @@ impl Fitted {
     }
 
     /// The covariance of the place of a touch in its axes, m2, by noise and misfit and by the grain of the contact, and its
-    /// form.
+    /// form. The prior of the width counts by its tails: a wide touch at the edge of a skin changes a frame nearly as a narrow one
+    /// farther inside.
     pub(super) fn place_covariance_m2(&self, index: usize, fit: &Fit<'_>) -> [f64; 3] {
         let first = UNKNOWNS * index;
         let grain_m2 = fit.options.grain_m * fit.options.grain_m;
         let unit = UNITS[0] * UNITS[1];
-        let [a, b, c] = [(0, 0), (0, 1), (1, 1)].map(|(i, j)| unit * self.covariance.at(first + i, first + j));
+        let at = |i: usize, j: usize| self.covariance.at(first + i, first + j);
+        let [(scale, _), ..] = fit.scales();
+        let less = (2.0 / PI - 1.0 / (WIDTH_TAIL * WIDTH_TAIL)) / (scale * scale);
+        let factor = less / (1.0 - less * at(2, 2));
+        let [a, b, c] = [(0, 0), (0, 1), (1, 1)].map(|(i, j)| unit * (at(i, j) + factor * at(i, 2) * at(j, 2)));
         let grain = self.state.responses[index].grain_m2;
         [a + grain_m2 * grain[0], b + grain_m2 * grain[1], c + grain_m2 * grain[2]]
     }

@@ -9,19 +9,21 @@ use crate::estimate::whitening::Whitening;
 use crate::fem::Gradients;
 use crate::forward::ForwardModel;
 use crate::frame::quantities;
-use crate::geom::vector::{dot, sub};
+use crate::geom::vector::{add, cross, dot, scale, sub};
 use crate::geom::{Point2, Point3};
 use crate::linalg::{Matrix, add_scaled};
 use crate::mesh::Mesh;
 use faer::{Mat, MatRef, Side};
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 
 /// Least width of a touch over the edge length of the cells: a density is sampled at the centres of the cells.
 const MIN_WIDTH: f64 = 0.6;
 /// Directions of the values in which touches change a frame by less than this part of the largest are left out.
 const MIN_PART: f64 = 1e-3;
+/// Cells are taken together where their mean area is less than this part of the square of a touch's width.
+const FEW_IN_CUBE: f64 = 0.25;
 /// One of this many cells is used to find them.
 const BASIS_STRIDE: usize = 8;
 /// Values that are summed together, in registers.
@@ -53,7 +55,7 @@ pub(super) struct Responses {
     space: Space,
     usual_m: f64,
     area_m2: f64,
-    /// Sorted along the axis of the largest extent.
+    /// Cells of the mesh, or several together; sorted along the axis of the largest extent.
     cells: Vec<Cell>,
     axis: usize,
     /// By cell, the values of the three tensors.
@@ -100,9 +102,12 @@ impl Responses {
         }
         let mesh = model.mesh();
         let space = Space::new(body, mesh);
-        let (axis, order) = order(mesh);
-        let cell = |cell: usize| Cell { place: space.place(mesh.cell_centre(cell)), area_m2: mesh.cell_measure(cell) };
-        let cells: Vec<Cell> = order.iter().map(|&index| cell(index)).collect();
+        let (axis, parts) = parts(mesh, options.width_m);
+        let cell = |part: &Vec<usize>| {
+            let area_m2 = part.iter().map(|&cell| mesh.cell_measure(cell)).sum();
+            Cell { place: space.place(centre(mesh, part)), area_m2 }
+        };
+        let cells: Vec<Cell> = parts.iter().map(cell).collect();
         let area_m2: f64 = cells.iter().map(|cell| cell.area_m2).sum();
         let edge_m = (4.0 / 3f64.sqrt() * area_m2 / cells.len() as f64).sqrt();
         let mut responses = Responses {
@@ -125,20 +130,20 @@ impl Responses {
             DriftSpread { sheet: options.coating_drift, contact: options.contact_drift, ..DriftSpread::default() };
         let drifts = directions(model, &spread)?;
         responses.whitening = Whitening::new((0..drifts.rows).map(|row| responses.over_noise(drifts.row(row))));
-        responses.fill(model, &order)?;
+        responses.fill(model, &parts)?;
         responses.prepare_search();
         Ok(responses)
     }
 
     /// Computes the table: the whitened change of the values by each tensor on each cell, in a basis of what touches change.
-    fn fill(&mut self, model: &ForwardModel, order: &[usize]) -> Result<(), RefineError> {
+    fn fill(&mut self, model: &ForwardModel, parts: &[Vec<usize>]) -> Result<(), RefineError> {
         let potentials = model.potentials(model.rest_conductivity())?;
-        let of_cell = |index: usize| self.cell_changes(model, &potentials, order[index], &self.cells[index].place);
+        let of_cell = |index: usize| self.changes(model, &potentials, &parts[index], &self.cells[index].place);
         let sample: Vec<Vec<f64>> =
-            (0..order.len()).into_par_iter().step_by(BASIS_STRIDE).flat_map_iter(of_cell).collect();
+            (0..parts.len()).into_par_iter().step_by(BASIS_STRIDE).flat_map_iter(of_cell).collect();
         let basis = basis(&sample);
         let count = basis.rows.next_multiple_of(BLOCK);
-        let mut table = vec![0.0f32; order.len() * 3 * count];
+        let mut table = vec![0.0f32; parts.len() * 3 * count];
         let project = |(index, rows): (usize, &mut [f32])| {
             let mut projected = vec![0.0; basis.rows];
             for (row, change) in rows.chunks_exact_mut(count).zip(of_cell(index)) {
@@ -151,10 +156,26 @@ impl Responses {
         Ok(())
     }
 
-    /// The whitened changes of the values by a relative change of the conductance of a cell, over its area: even, along the
+    /// The whitened changes of the values by a relative change of the conductance of some cells, over its area: even, along the
     /// first axis less along the second, and along both. With the fields `u` of a drive and `m` of a measured pair the
     /// voltage changes by `-sigma (S grad u) . grad m` times the area (Geselowitz, 1971, DOI 10.1109/TBME.1971.4502787).
-    fn cell_changes(&self, model: &ForwardModel, potentials: &Matrix, cell: usize, place: &Place) -> [Vec<f64>; 3] {
+    fn changes(&self, model: &ForwardModel, potentials: &Matrix, cells: &[usize], place: &Place) -> [Vec<f64>; 3] {
+        let mut changes = [const { Vec::new() }; 3];
+        changes.iter_mut().for_each(|change| change.resize(self.values.len(), 0.0));
+        cells.iter().for_each(|&cell| self.add_changes(model, potentials, cell, place, &mut changes));
+        changes.iter_mut().for_each(|change| self.whitening.apply(change));
+        changes
+    }
+
+    /// Adds the changes by one cell, over the noise.
+    fn add_changes(
+        &self,
+        model: &ForwardModel,
+        potentials: &Matrix,
+        cell: usize,
+        place: &Place,
+        changes: &mut [Vec<f64>; 3],
+    ) {
         let gradients = Gradients::new(model.mesh(), cell);
         let corners = model.mesh().cells.corners(cell);
         let mut fields = vec![[0.0; 2]; potentials.columns];
@@ -167,22 +188,18 @@ impl Responses {
         }
         let factor = -model.rest_conductivity()[cell] * gradients.measure;
         let channels = model.protocol().channels();
-        let mut changes = [const { Vec::new() }; 3];
-        changes.iter_mut().for_each(|change| change.reserve(self.values.len()));
-        for (value, sd) in self.values.iter().zip(&self.sd_ohm) {
+        for (index, (value, sd)) in self.values.iter().zip(&self.sd_ohm).enumerate() {
             let mut sums = [0.0; 3];
             for &(channel, weight) in value {
                 let [u, m] = [channels[channel].drive, channels[channel].measure]
                     .map(|[from, to]| [fields[from][0] - fields[to][0], fields[from][1] - fields[to][1]]);
-                let scale = weight * factor / sd;
-                sums[0] += scale * (u[0] * m[0] + u[1] * m[1]);
-                sums[1] += scale * (u[0] * m[0] - u[1] * m[1]);
-                sums[2] += scale * (u[0] * m[1] + u[1] * m[0]);
+                let over = weight * factor / sd;
+                sums[0] += over * (u[0] * m[0] + u[1] * m[1]);
+                sums[1] += over * (u[0] * m[0] - u[1] * m[1]);
+                sums[2] += over * (u[0] * m[1] + u[1] * m[0]);
             }
-            changes.iter_mut().zip(sums).for_each(|(change, sum)| change.push(sum));
+            changes.iter_mut().zip(sums).for_each(|(change, sum)| change[index] += sum);
         }
-        changes.iter_mut().for_each(|change| self.whitening.apply(change));
-        changes
     }
 
     /// One place in each cube of the search step, with its response.
@@ -339,14 +356,49 @@ fn values(model: &ForwardModel, noise_ohm: &[f64]) -> (Vec<Vec<(usize, f64)>>, V
     all
 }
 
-/// The axis along which a mesh is longest, and its cells in order along it.
-fn order(mesh: &Mesh) -> (usize, Vec<usize>) {
+/// The axis along which a mesh is longest, and its cells in order along it. The cells of a mesh that is far finer than touches
+/// are taken together in cubes of their width, so that a frame costs the same on every mesh.
+fn parts(mesh: &Mesh, width_m: f64) -> (usize, Vec<Vec<usize>>) {
     let centres: Vec<Point3> = (0..mesh.cell_count()).map(|cell| mesh.cell_centre(cell)).collect();
     let [low, high] = crate::geom::vector::bounding_box(centres.iter().copied());
     let axis = (0..3).max_by(|a, b| (high[*a] - low[*a]).total_cmp(&(high[*b] - low[*b]))).unwrap_or(0);
-    let mut order: Vec<usize> = (0..centres.len()).collect();
-    order.sort_by(|a, b| centres[*a][axis].total_cmp(&centres[*b][axis]));
-    (axis, order)
+    let area_m2: f64 = (0..centres.len()).map(|cell| mesh.cell_measure(cell)).sum();
+    let is_fine = area_m2 < FEW_IN_CUBE * width_m * width_m * centres.len() as f64;
+    let mut parts: BTreeMap<([i64; 3], i64), Vec<usize>> = BTreeMap::new();
+    for (cell, centre) in centres.iter().enumerate() {
+        let key = if is_fine {
+            (centre.map(|part| (part / width_m).floor() as i64), side(mesh, cell))
+        } else {
+            ([cell as i64, 0, 0], 0)
+        };
+        parts.entry(key).or_default().push(cell);
+    }
+    let mut parts: Vec<Vec<usize>> = parts.into_values().collect();
+    parts.sort_by(|a, b| centre(mesh, a)[axis].total_cmp(&centre(mesh, b)[axis]));
+    (axis, parts)
+}
+
+/// The axis of space that the normal of a cell is nearest to, with its sign: the two sides of a thin body are apart.
+fn side(mesh: &Mesh, cell: usize) -> i64 {
+    let corners = mesh.cells.corners(cell);
+    let [a, b, c] = [0, 1, 2].map(|corner| mesh.nodes[corners[corner]]);
+    let normal = cross(sub(b, a), sub(c, a));
+    let axis = (0..3).max_by(|a, b| normal[*a].abs().total_cmp(&normal[*b].abs())).unwrap_or(0);
+    if normal[axis] < 0.0 { -1 - axis as i64 } else { axis as i64 }
+}
+
+/// The centre of some cells, by area.
+fn centre(mesh: &Mesh, cells: &[usize]) -> Point3 {
+    if let &[cell] = cells {
+        return mesh.cell_centre(cell);
+    }
+    let (mut sum, mut area_m2) = ([0.0; 3], 0.0);
+    for &cell in cells {
+        let own = mesh.cell_measure(cell);
+        sum = add(sum, scale(mesh.cell_centre(cell), own));
+        area_m2 += own;
+    }
+    scale(sum, 1.0 / area_m2)
 }
 
 /// Orthonormal directions, as rows, that contain nearly all of some changes.

@@ -2,7 +2,6 @@
 //! idle ones cannot use up the descriptors of the program.
 
 use crate::clock;
-use crate::runtime::{Event, LiveHandle};
 use axum::extract::connect_info::Connected;
 use axum::serve::{IncomingStream, Listener};
 use dermis::pipeline::{Notice, Severity};
@@ -35,7 +34,7 @@ const RETRY: Duration = Duration::from_millis(100);
 pub(super) struct Connections {
     listener: TcpListener,
     counts: Arc<Counts>,
-    shared: Arc<LiveHandle>,
+    notify: Box<dyn Fn(Notice) + Send>,
     reported_at: Option<Instant>,
 }
 
@@ -81,9 +80,9 @@ pub(super) struct Stream {
 }
 
 impl Connections {
-    /// Of a server of a live skin, which receives notices of closed connections.
-    pub(super) fn new(listener: TcpListener, shared: Arc<LiveHandle>) -> Self {
-        Connections { listener, counts: Arc::default(), shared, reported_at: None }
+    /// Of a server; `notify` receives notices of closed connections.
+    pub(super) fn new(listener: TcpListener, notify: Box<dyn Fn(Notice) + Send>) -> Self {
+        Connections { listener, counts: Arc::default(), notify, reported_at: None }
     }
 
     fn report(&mut self) {
@@ -97,7 +96,7 @@ impl Connections {
                 "{} to the page closed: no page, or more than {MAX_PAGES} pages",
                 counted(closed, "connection")
             );
-            self.shared.publish(&Event::Notice(Notice { level: Severity::Warning, text, at: clock::now() }));
+            (self.notify)(Notice { level: Severity::Warning, text, at: clock::now() });
         }
     }
 }

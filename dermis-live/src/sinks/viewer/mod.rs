@@ -4,18 +4,22 @@
 
 mod connections;
 mod hub;
+mod robot;
 mod scene;
 mod socket;
 
+pub use robot::{RobotRequest, RobotServer};
+
 use crate::LiveError;
-use crate::runtime::Control;
+use crate::runtime::{Control, Event};
 use axum::Router;
 use axum::extract::{ConnectInfo, Request};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn};
 use axum::response::{IntoResponse, Response};
-use axum::routing::get;
+use axum::routing::{MethodRouter, get};
 use connections::{Connections, Peer};
+use dermis::pipeline::Notice;
 use hub::{Board, Hub};
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::sync::Arc;
@@ -52,12 +56,17 @@ impl std::fmt::Debug for Server {
     }
 }
 
-/// Files of the page: path, type and bytes.
-const FILES: [(&str, &str, &[u8]); 3] = [
+/// A file of a page: path, type and bytes.
+type PageFile = (&'static str, &'static str, &'static [u8]);
+
+/// The files of the page.
+const FILES: [PageFile; 3] = [
     ("/", "text/html; charset=utf-8", include_bytes!("page/index.html")),
     ("/viewer.js", "text/javascript; charset=utf-8", include_bytes!("page/viewer.js")),
-    ("/viewer.css", "text/css; charset=utf-8", include_bytes!("page/viewer.css")),
+    STYLE,
 ];
+/// The style sheet of both pages.
+const STYLE: PageFile = ("/viewer.css", "text/css; charset=utf-8", include_bytes!("page/viewer.css"));
 
 /// Length of the shortest token, characters.
 const SHORTEST_TOKEN: usize = 8;
@@ -74,20 +83,32 @@ impl Server {
     /// An address that is in use, is not of this machine, or is open to others without a token; a token that is too
     /// short.
     pub fn start(control: Arc<Control>, options: &ServerOptions) -> Result<Self, LiveError> {
+        let board = Arc::new(Board::new());
+        let hub = Hub::new(Arc::clone(&control), Arc::clone(&board));
+        let live = Arc::clone(control.shared());
+        let shared = Arc::new(ServerState { control, board, token: options.token.clone() });
+        let router = router(&FILES, get(socket::open)).with_state(shared);
+        let mut server = Self::serve(options, router, move |notice| live.publish(&Event::Notice(notice)))?;
+        server.spawn("dermis-viewer", move || hub.run())?;
+        Ok(server)
+    }
+
+    /// Serves a router from now on; `report` receives notices of closed connections.
+    fn serve(
+        options: &ServerOptions,
+        router: Router,
+        report: impl Fn(Notice) + Send + 'static,
+    ) -> Result<Self, LiveError> {
         let listener = listen(options)?;
-        let failed = |error: std::io::Error| LiveError::Given(format!("cannot serve the viewer: {error}"));
         listener.set_nonblocking(true).map_err(failed)?;
         let address = listener.local_addr().map_err(failed)?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(failed)?;
-        let board = Arc::new(Board::new());
-        let hub = Hub::new(Arc::clone(&control), Arc::clone(&board));
-        let shared = Arc::new(ServerState { control, board, token: options.token.clone() });
         let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
         let serve = move || {
             runtime.block_on(async move {
                 let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
-                let connections = Connections::new(listener, Arc::clone(shared.control.shared()));
-                let service = router(shared).into_make_service_with_connect_info::<Peer>();
+                let connections = Connections::new(listener, Box::new(report));
+                let service = router.into_make_service_with_connect_info::<Peer>();
                 let ended = async {
                     // A dropped sender stops the server too.
                     let _ = stopped.await;
@@ -98,12 +119,14 @@ impl Server {
                 }
             });
         };
-        let spawn = |name: &str, run: Box<dyn FnOnce() + Send>| {
-            std::thread::Builder::new().name(name.into()).spawn(run).map_err(failed)
-        };
-        let threads =
-            vec![spawn("dermis-viewer", Box::new(move || hub.run()))?, spawn("dermis-serve", Box::new(serve))?];
-        Ok(Server { address, token: options.token.clone(), stop: Some(stop), threads })
+        let mut server = Server { address, token: options.token.clone(), stop: Some(stop), threads: Vec::new() };
+        server.spawn("dermis-serve", serve)?;
+        Ok(server)
+    }
+
+    fn spawn(&mut self, name: &str, run: impl FnOnce() + Send + 'static) -> Result<(), LiveError> {
+        self.threads.push(std::thread::Builder::new().name(name.into()).spawn(run).map_err(failed)?);
+        Ok(())
     }
 
     /// The address of the server.
@@ -132,6 +155,10 @@ impl Server {
             let _ = thread.join();
         }
     }
+}
+
+fn failed(error: std::io::Error) -> LiveError {
+    LiveError::Given(format!("cannot serve the viewer: {error}"))
 }
 
 /// Percent-encodes a text (RFC 3986, 2.1).
@@ -179,15 +206,15 @@ fn listen(options: &ServerOptions) -> Result<TcpListener, LiveError> {
     })
 }
 
-fn router(shared: Arc<ServerState>) -> Router {
-    let mut router = Router::new().route("/live", get(socket::open));
-    for (path, kind, bytes) in FILES {
+/// A page with its WebSocket.
+fn router<S: Clone + Send + Sync + 'static>(files: &'static [PageFile], socket: MethodRouter<S>) -> Router<S> {
+    let mut router = Router::new().route("/live", socket);
+    for &(path, kind, bytes) in files {
         router = router.route(path, get(move |headers: HeaderMap| async move { file(kind, bytes, &headers) }));
     }
     router
         .fallback(|| async { (StatusCode::NOT_FOUND, "nothing is here; the viewer is at /\n") })
         .layer(from_fn(count_request))
-        .with_state(shared)
 }
 
 /// Notes that a connection has sent a request.
@@ -219,8 +246,10 @@ fn file(kind: &'static str, bytes: &'static [u8], request: &HeaderMap) -> Respon
 }
 
 /// Whether a page may connect: it has the token, and it was served by this server.
-fn may_talk(shared: &ServerState, token: Option<&str>, origin: Option<&str>, host: Option<&str>) -> bool {
-    let known = match (&shared.token, token) {
+fn may_talk(own_token: Option<&str>, given: Option<&str>, headers: &HeaderMap) -> bool {
+    let header = |name| headers.get(name).and_then(|value| value.to_str().ok());
+    let (origin, host) = (header(header::ORIGIN), header(header::HOST));
+    let known = match (own_token, given) {
         (None, _) => true,
         (Some(token), Some(given)) => same(token.as_bytes(), given.as_bytes()),
         (Some(_), None) => false,
@@ -231,16 +260,9 @@ fn may_talk(shared: &ServerState, token: Option<&str>, origin: Option<&str>, hos
         (Some(origin), Some(host)) => origin.split_once("://").is_some_and(|(_, origin)| origin == host),
         (Some(_), None) => false,
     };
-    known && own && host_is_ours(shared, host)
-}
-
-/// Without a token, the `Host` header must be `localhost` or a loopback address. A foreign name that resolves to the
-/// loopback interface is refused (DNS rebinding).
-fn host_is_ours(shared: &ServerState, host: Option<&str>) -> bool {
-    if shared.token.is_some() {
-        return true;
-    }
-    host.is_some_and(is_loopback)
+    // Without a token, the `Host` header must be `localhost` or a loopback address. A foreign name that resolves to the
+    // loopback interface is refused (DNS rebinding).
+    known && own && (own_token.is_some() || host.is_some_and(is_loopback))
 }
 
 /// Whether a host, with or without a port, is `localhost` or a loopback address; one of IPv6 stands in brackets.

@@ -5,7 +5,7 @@ use super::{ServerState, may_talk};
 use crate::runtime::{ClientSession, RateLimit};
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{ConnectInfo, Query, State};
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -36,8 +36,22 @@ pub(super) async fn open(
     headers: HeaderMap,
     upgrade: WebSocketUpgrade,
 ) -> Response {
-    let header = |name| headers.get(name).and_then(|value| value.to_str().ok());
-    if !may_talk(&shared, asked.token.as_deref(), header(header::ORIGIN), header(header::HOST)) {
+    admit(shared.token.as_deref(), &peer, &asked, &headers, upgrade, {
+        let shared = Arc::clone(&shared);
+        move |socket, slot| Page::new(shared, slot).serve(socket)
+    })
+}
+
+/// Opens the WebSocket of a page that may talk, unless too many are open.
+pub(super) fn admit<F: Future<Output = ()> + Send + 'static>(
+    token: Option<&str>,
+    peer: &Peer,
+    asked: &Asked,
+    headers: &HeaderMap,
+    upgrade: WebSocketUpgrade,
+    serve: impl FnOnce(WebSocket, PageSlot) -> F + Send + 'static,
+) -> Response {
+    if !may_talk(token, asked.token.as_deref(), headers) {
         return (StatusCode::FORBIDDEN, "this page may not talk to the skin: open the address that dermis printed\n")
             .into_response();
     }
@@ -45,7 +59,7 @@ pub(super) async fn open(
         return (StatusCode::SERVICE_UNAVAILABLE, "too many pages are open: close some\n").into_response();
     };
     let upgrade = upgrade.max_message_size(LONGEST).max_frame_size(LONGEST);
-    upgrade.on_upgrade(move |socket| Page::new(shared, slot).serve(socket))
+    upgrade.on_upgrade(move |socket| serve(socket, slot))
 }
 
 /// One page.
@@ -148,7 +162,7 @@ impl Page {
     }
 }
 
-async fn send(socket: &mut WebSocket, message: Message) -> Result<(), ()> {
+pub(super) async fn send(socket: &mut WebSocket, message: Message) -> Result<(), ()> {
     match tokio::time::timeout(PATIENCE, socket.send(message)).await {
         Ok(Ok(())) => Ok(()),
         _ => Err(()),
