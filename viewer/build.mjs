@@ -36,7 +36,7 @@ export async function buildInto(folder) {
     logLevel: "warning",
   };
   const result = await build({ ...options, entryPoints: { viewer: "src/main.ts" }, banner, metafile: true });
-  // The page of a robot holds no code of other packages, and has the style sheet of the other one.
+  // The page of a robot holds no code of other packages, and adds to the style sheet of the other one.
   await build({ ...options, entryPoints: { robot: "src/robot/main.ts" } });
   await copyFile(path.join(here, "src/index.html"), path.join(folder, "index.html"));
   await copyFile(path.join(here, "src/robot/robot.html"), path.join(folder, "robot.html"));

@@ -13,7 +13,7 @@ fn robot(at: &Workplace, addresses: [&str; 2]) {
 
 /// The snapshots and events of a run, and what it said.
 fn run(at: &Workplace, arguments: &str) -> (Vec<Value>, Vec<Value>, String) {
-    let output = at.command(&format!("robot run arm.toml --jsonl - {arguments}")).output().unwrap();
+    let output = at.command(&format!("robot run arm.toml --serve off --jsonl - {arguments}")).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success(), "{said}");
     let lines: Vec<Value> =
@@ -122,4 +122,68 @@ fn a_device_that_is_killed_makes_its_skin_unknown_and_a_new_one_brings_it_back()
     let begins = events.iter().filter(|event| event["event"] == "begins").count();
     assert!(begins >= 2, "{events:?}");
     assert!(self::zones(&snapshots, 0).iter().all(|zone| zone != "lost"), "{said}");
+}
+
+/// The same lines, byte for byte; a recording that was cut off says so, and nothing is overwritten.
+#[test]
+fn a_recorded_robot_says_the_same_when_it_is_replayed() {
+    let at = Workplace::empty();
+    robot(&at, ["tcp:127.0.0.1:1", "tcp:127.0.0.1:2"]);
+    let run = "robot run arm.toml --emulate --touch random --prerender 240 --serve off --jsonl - --record rec --for 5";
+    let live = at.command(run).output().unwrap();
+    assert!(live.status.success(), "{}", String::from_utf8_lossy(&live.stderr));
+    std::fs::rename(at.path("rec"), at.path("elsewhere")).unwrap();
+    ["arm.toml", "arm.urdf"].iter().for_each(|name| std::fs::remove_file(at.path(name)).unwrap());
+    let replayed = at.command("robot replay elsewhere").output().unwrap();
+    assert!(replayed.status.success(), "{}", String::from_utf8_lossy(&replayed.stderr));
+    assert!(live.stdout.len() > 50_000 && live.stdout == replayed.stdout, "{} bytes", live.stdout.len());
+    robot(&at, ["tcp:127.0.0.1:1", "tcp:127.0.0.1:2"]);
+    assert!(
+        at.refused("robot run arm.toml --emulate --serve off --record elsewhere --for 1").contains("not overwritten")
+    );
+    assert!(at.refused("robot replay .").contains("robot.toml"));
+    let inputs = std::fs::read(at.path("elsewhere/inputs.jsonl")).unwrap();
+    at.write("elsewhere/inputs.jsonl", &inputs[..inputs.len() / 2]);
+    let counts: Value = at.json("robot replay elsewhere --summary --json");
+    assert!(counts["snapshots"].as_u64().unwrap() > 50 && counts["missing_frames"] == 0, "{counts}");
+    at.write("elsewhere/inputs.jsonl", [&inputs[..inputs.len() / 2], b"\n"].concat());
+    assert!(at.refused("robot replay elsewhere").contains("inputs.jsonl, line "));
+    at.write("elsewhere/inputs.jsonl", &inputs);
+    let frames = std::fs::read(at.path("elsewhere/skins/forearm.mcap")).unwrap();
+    at.write("elsewhere/skins/forearm.mcap", &frames[..frames.len() / 2]);
+    let lacking = at.refused("robot replay elsewhere --summary");
+    assert!(lacking.contains("lack") && lacking.contains("frames"), "{lacking}");
+}
+
+/// The page is served with its files, to its own host alone; what another page asks for is refused.
+#[test]
+fn a_robot_has_a_page() {
+    use std::io::{Read, Write};
+    let at = Workplace::empty();
+    robot(&at, ["tcp:127.0.0.1:1", "tcp:127.0.0.1:2"]);
+    let run = Running::start_said(
+        &at,
+        "robot run arm.toml --emulate --prerender 100 --serve 127.0.0.1:0",
+        "the viewer is at",
+    );
+    let address = run.line.split("http://").nth(1).unwrap().trim_end_matches('/').to_string();
+    let ask = |path: &str, more: &str| {
+        let mut stream = std::net::TcpStream::connect(&address).unwrap();
+        stream.set_read_timeout(Some(std::time::Duration::from_secs(10))).unwrap();
+        write!(stream, "GET {path} HTTP/1.1\r\nHost: {address}\r\n{more}\r\n").unwrap();
+        let mut answer = vec![0; 4096];
+        let length = stream.read(&mut answer).unwrap();
+        String::from_utf8_lossy(&answer[..length]).into_owned()
+    };
+    for (path, kind) in [("/", "text/html"), ("/robot.js", "javascript"), ("/robot.css", "css"), ("/viewer.css", "css")]
+    {
+        let answer = ask(path, "");
+        assert!(answer.starts_with("HTTP/1.1 200") && answer.contains(kind), "{path}: {answer}");
+    }
+    let socket = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n";
+    let opened = ask("/live", socket);
+    assert!(opened.starts_with("HTTP/1.1 101"), "{opened}");
+    let refused = ask("/live", &format!("{socket}Origin: http://elsewhere.example\r\n"));
+    assert!(refused.starts_with("HTTP/1.1 403"), "{refused}");
+    assert!(at.refused("robot run arm.toml --emulate --serve 0.0.0.0:0 --for 1").contains("token"));
 }

@@ -21,6 +21,7 @@ pub struct Robot {
     rules: Vec<Rule>,
     kinematics: Option<Kinematics>,
     description: Option<PathBuf>,
+    text: String,
     base: usize,
     needed_joints: Vec<usize>,
 }
@@ -205,6 +206,11 @@ impl Robot {
         self.kinematics.as_ref()
     }
 
+    /// The text of its file.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
     /// The path of its description.
     pub fn description(&self) -> Option<&Path> {
         self.description.as_deref()
@@ -312,6 +318,7 @@ impl Reader<'_> {
         Ok(Robot {
             name: file.name,
             description,
+            text: self.text.into(),
             joints: self.joint_source(&file.joints)?,
             age_s: self.within(&file.age_s, "age_s", 0.001..=10.0)?,
             friction: self.within(&file.friction, "friction", 0.0..=10.0)?,

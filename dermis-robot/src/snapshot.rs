@@ -3,7 +3,7 @@
 use crate::wrench::Wrench;
 use dermis::geom::Point3;
 use dermis::pipeline::{InvalidReason, Timestamp, TrackedContact};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// What is known of a robot at a time. Lengths in m, forces in N, times in nanoseconds since 1970; unknown values are `null`.
@@ -73,7 +73,7 @@ pub enum Zone {
 }
 
 /// Why a skin is unknown.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum UnknownReason {

@@ -87,8 +87,7 @@ impl RobotState {
     /// If the robot has no such skin.
     pub fn frame(&mut self, skin: usize, frame: &PipelineFrame, now: Timestamp) -> Vec<RuleEvent> {
         if let Validity::Stale { .. } = frame.validity {
-            self.skins[skin].fault.get_or_insert(UnknownReason::Late);
-            return self.apply_rules(now, now);
+            return self.stale(skin, now);
         }
         let unknown = |reason| Zone::Unknown { reason };
         let zone = match (&frame.validity, frame.touched) {
@@ -105,6 +104,12 @@ impl RobotState {
         // Another device stays another one until it is replaced.
         state.fault = state.fault.filter(|fault| *fault == UnknownReason::OtherDevice);
         self.apply_rules(measured_at, now)
+    }
+
+    /// The last frame of a skin is stale.
+    pub fn stale(&mut self, skin: usize, now: Timestamp) -> Vec<RuleEvent> {
+        self.skins[skin].fault.get_or_insert(UnknownReason::Late);
+        self.apply_rules(now, now)
     }
 
     /// A device of a skin is there, with its serial number; 0 if it has none.

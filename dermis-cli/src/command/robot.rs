@@ -3,6 +3,7 @@
 use crate::console::{StatusLine, note, on_interrupt, print, print_json};
 use crate::emulated::EmulatorArguments;
 use crate::failure::{Failure, Outcome};
+use crate::output::{json_line, to_standard_output};
 use crate::range::number;
 use crate::source::PageArguments;
 use clap::{Args, Subcommand};
@@ -12,11 +13,12 @@ use dermis::text::{counted, printable};
 use dermis_calibrate::Calibration;
 use dermis_emulate::emulator::Emulator;
 use dermis_live::device::Address;
-use dermis_live::robot::{RobotLive, RobotOutput, RobotReport, check};
+use dermis_live::robot::{RobotLive, RobotOptions, RobotOutput, RobotReplay, RobotReport, check};
 use dermis_live::sinks::viewer::{RobotRequest, RobotServer};
 use dermis_live::sinks::watchdog;
 use dermis_live::{LiveOptions, clock};
 use dermis_robot::{Cause, EventKind, Kinematics, Robot, RuleEvent, Snapshot, Zone};
+use serde::Serialize;
 use std::f64::consts::TAU;
 use std::io::Write;
 use std::path::PathBuf;
@@ -37,6 +39,8 @@ enum RobotCommand {
     Check(CheckArguments),
     /// Read the skins of a robot live: contacts in its frame, wrenches, rules.
     Run(RunArguments),
+    /// Recompute the events and snapshots of a recording of a robot.
+    Replay(ReplayArguments),
     /// List the links and joints of a robot description (URDF).
     Links(LinkArguments),
 }
@@ -49,6 +53,18 @@ struct CheckArguments {
     #[arg(long, value_name = "HZ", default_value_t = 120.0, value_parser = number(0.001..=1e6))]
     rate: f64,
     /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Args)]
+struct ReplayArguments {
+    /// Folder of the recording.
+    recording: PathBuf,
+    /// Print a summary instead of a line of JSON for each event and snapshot.
+    #[arg(long)]
+    summary: bool,
+    /// Print JSON, which the lines are always: the summary too.
     #[arg(long)]
     json: bool,
 }
@@ -77,6 +93,9 @@ struct RunArguments {
     /// Write a line of JSON for each snapshot, and one for each event at once, to standard output: `-`.
     #[arg(long, value_name = "-", value_parser = ["-"])]
     jsonl: Option<String>,
+    /// Record the skins, joint states and events in this new folder, for `dermis robot replay`.
+    #[arg(long, value_name = "FOLDER")]
+    record: Option<PathBuf>,
     #[command(flatten)]
     page: PageArguments,
     /// Send a UDP datagram to HOST:PORT for each snapshot in which every required skin is known.
@@ -93,8 +112,69 @@ impl Arguments {
         match self.command {
             RobotCommand::Check(arguments) => arguments.run(),
             RobotCommand::Run(arguments) => arguments.run(),
+            RobotCommand::Replay(arguments) => arguments.run(),
             RobotCommand::Links(arguments) => arguments.run(),
         }
+    }
+}
+
+/// What a replay counts.
+#[derive(Debug, Default, Serialize)]
+struct ReplayCounts {
+    snapshots: u64,
+    touched_snapshots: u64,
+    events: u64,
+    missing_frames: u64,
+}
+
+impl ReplayArguments {
+    fn run(self) -> Outcome {
+        let mut replay = RobotReplay::open(&self.recording, &dermis_learn::methods())?;
+        let waiting = crate::console::Progress::waiting("replaying");
+        let (mut counts, mut failure) = (ReplayCounts::default(), Ok(()));
+        to_standard_output(|out| {
+            loop {
+                let output = match replay.step() {
+                    Ok(Some(output)) => output,
+                    Ok(None) => return Ok(()),
+                    Err(error) => {
+                        failure = Err(error);
+                        return Ok(());
+                    }
+                };
+                match &output {
+                    RobotOutput::Event(_) => counts.events += 1,
+                    RobotOutput::Snapshot(snapshot) => {
+                        counts.snapshots += 1;
+                        counts.touched_snapshots += u64::from(snapshot.touched == Some(true));
+                    }
+                    RobotOutput::Notice { .. } => continue,
+                }
+                if !self.summary {
+                    json_line(out, &output)?;
+                }
+            }
+        })?;
+        drop(waiting);
+        failure?;
+        counts.missing_frames = replay.missing_frames();
+        match (self.summary, self.json) {
+            (true, true) => print_json(&counts)?,
+            (true, false) => {
+                let snapshots = counted(counts.snapshots, "snapshot");
+                let events = counted(counts.events, "event");
+                print(&format!("{snapshots}, {} of them touched, {events}\n", counts.touched_snapshots))?;
+            }
+            _ => {}
+        }
+        if counts.missing_frames == 0 {
+            return Ok(());
+        }
+        let frames = counted(counts.missing_frames, "frame");
+        Err(Failure::given(
+            format!("the recordings of the skins lack {frames} that the robot took: they were cut off or damaged"),
+            None,
+        ))
     }
 }
 
@@ -169,9 +249,9 @@ impl RunArguments {
         let heartbeat = self.watchdog.as_deref().map(watchdog::socket).transpose()?;
         let mut emulators = Vec::new();
         let waiting = crate::console::Progress::waiting("preparing the skins");
-        let started = RobotLive::start(&robot, &dermis_learn::methods(), self.rate, |skin| {
-            self.options(&robot, skin, &mut emulators)
-        });
+        let how = RobotOptions { rate_hz: self.rate, record: self.record.clone() };
+        let started =
+            RobotLive::start(&robot, &dermis_learn::methods(), &how, |skin| self.options(&robot, skin, &mut emulators));
         drop(waiting);
         let mut live = started?;
         let mut page = self.page.serve_robot(&robot)?;
@@ -228,11 +308,11 @@ impl RunArguments {
         }
         drop(line);
         let last = live.state().snapshot(clock::now());
-        live.stop();
+        let incomplete = live.stop();
         page.into_iter().for_each(RobotServer::stop);
         emulators.iter().for_each(|emulator: &Arc<Emulator>| emulator.stop());
         note(&format!("{}, {}; {}", counted(counts.0, "snapshot"), counted(counts.1, "event"), status(&last)));
-        Ok(())
+        incomplete.map_or(Ok(()), |why| Err(Failure::given(format!("the recording is not complete: {why}"), None)))
     }
 
     /// How a skin is read; starts its emulator.

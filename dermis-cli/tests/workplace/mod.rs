@@ -192,6 +192,15 @@ impl Running {
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
         Running { child, line: line.trim().into() }
     }
+
+    /// The same with the first line of what it says that has some words.
+    pub fn start_said(at: &Workplace, arguments: &str, words: &str) -> Self {
+        let mut child = at.command(arguments).spawn().unwrap();
+        let mut said = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
+        let line = said.find(|line| line.contains(words)).unwrap_or_default();
+        std::thread::spawn(move || said.for_each(drop));
+        Running { child, line }
+    }
 }
 
 impl Drop for Running {

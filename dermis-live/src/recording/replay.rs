@@ -203,9 +203,17 @@ impl Replay {
     pub fn open(path: &Path, methods: &Methods, model: Option<&str>) -> Result<Self, LiveError> {
         let recording = Recording::open(path)?;
         let skin = Skin::parse(&recording.session.design_toml, "design.toml")?;
-        let methods = Arc::new(MethodSet::new(methods, skin, model)?);
-        let (reader, _, state) = RecordingReader::new(path, recording, Arc::clone(&methods))?;
-        Ok(Replay { reader, pipeline: Pipeline::resume(methods, state)? })
+        Self::of(path, recording, &Arc::new(MethodSet::new(methods, skin, model)?))
+    }
+
+    /// The same of a skin whose methods are prepared.
+    pub(crate) fn with(path: &Path, methods: &Arc<MethodSet>) -> Result<Self, LiveError> {
+        Self::of(path, Recording::open(path)?, methods)
+    }
+
+    fn of(path: &Path, recording: Recording, methods: &Arc<MethodSet>) -> Result<Self, LiveError> {
+        let (reader, _, state) = RecordingReader::new(path, recording, Arc::clone(methods))?;
+        Ok(Replay { reader, pipeline: Pipeline::resume(Arc::clone(methods), state)? })
     }
 
     /// The skin.

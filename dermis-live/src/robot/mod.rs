@@ -4,7 +4,7 @@
 //! use dermis::method::Methods;
 //! use dermis::pipeline::Settings;
 //! use dermis_live::device::Address;
-//! use dermis_live::robot::{RobotLive, RobotOutput};
+//! use dermis_live::robot::{RobotLive, RobotOptions, RobotOutput};
 //! use dermis_live::{LiveError, LiveOptions};
 //! use dermis_robot::Robot;
 //! use std::path::Path;
@@ -17,7 +17,7 @@
 //!     let address = Address::parse(&robot.skins()[index].source)?;
 //!     Ok(LiveOptions { waits: true, ..LiveOptions::new(address, Settings::default()) })
 //! };
-//! let mut live = RobotLive::start(&robot, &Methods::linear(), 120.0, device)?;
+//! let mut live = RobotLive::start(&robot, &Methods::linear(), &RobotOptions::default(), device)?;
 //! while let Some(output) = live.next(Duration::from_secs(1)) {
 //!     if let RobotOutput::Event(event) = output {
 //!         println!("{}: {:?}", event.rule, event.event); // stop the robot here
@@ -28,8 +28,10 @@
 //! ```
 
 mod check;
+mod recording;
 
 pub use check::{Neighbours, RobotReport, SkinReport, check};
+pub use recording::RobotReplay;
 
 use crate::clock;
 use crate::runtime::{Event, Live, LiveOptions, Mailbox, Popped};
@@ -38,9 +40,11 @@ use dermis::method::{MethodSet, Methods};
 use dermis::pipeline::{Command, Notice, Severity, Timestamp};
 use dermis::skin::Skin;
 use dermis_robot::{JointSource, Robot, RobotState, RuleEvent, Snapshot, UnknownReason, WornSkin};
+use recording::{Input, RobotRecording};
 use serde::{Deserialize, Serialize};
 use std::collections::{HashMap, VecDeque};
 use std::net::UdpSocket;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -54,6 +58,21 @@ const AGAIN: Duration = Duration::from_secs(1);
 const JOINT_NOTICE: Duration = Duration::from_secs(2);
 /// Longest datagram of joint states, bytes: that of UDP.
 const DATAGRAM: usize = 1 << 16;
+
+/// How the skins of a robot are read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RobotOptions {
+    /// Snapshots per second.
+    pub rate_hz: f64,
+    /// A new folder for a recording.
+    pub record: Option<PathBuf>,
+}
+
+impl Default for RobotOptions {
+    fn default() -> Self {
+        RobotOptions { rate_hz: 50.0, record: None }
+    }
+}
 
 /// What a robot says.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -140,6 +159,7 @@ pub struct RobotLive {
     incoming: Arc<Mailbox<Incoming>>,
     joints: Option<(JoinHandle<()>, Arc<AtomicBool>)>,
     joint_notice: Option<Instant>,
+    recording: Option<RobotRecording>,
     waiting: VecDeque<RobotOutput>,
     interval: Duration,
     next_snapshot: Instant,
@@ -153,15 +173,15 @@ impl std::fmt::Debug for RobotLive {
 
 impl RobotLive {
     /// Prepares the skins and begins to read them; equal skins are prepared once. `options` are those of each skin, by index:
-    /// its address, and its settings, whose method is that of the robot's file. Snapshots come `rate_hz` times a second.
+    /// its address, and its settings, whose method is that of the robot's file.
     ///
     /// # Errors
-    /// A method that does not exist or cannot be prepared, a socket of joint states that cannot be opened, those of `options`. A
-    /// device that is not there or is refused is waited for.
+    /// A method that does not exist or cannot be prepared, a socket of joint states that cannot be opened, a folder of a
+    /// recording that exists or cannot be written, those of `options`. A device that is not there or is refused is waited for.
     pub fn start<E: From<LiveError>>(
         robot: &Arc<Robot>,
         methods: &Methods,
-        rate_hz: f64,
+        how: &RobotOptions,
         mut options: impl FnMut(usize) -> Result<LiveOptions, E>,
     ) -> Result<Self, E> {
         let incoming = Arc::new(Mailbox::new(WAITING * robot.skins().len()));
@@ -174,14 +194,16 @@ impl RobotLive {
             let methods = prepared.of(worn)?;
             readers.push(Reader { options: options(index)?, methods, live: None, again: Some(Instant::now()) });
         }
+        let recording = how.record.as_ref().map(|folder| RobotRecording::create(robot, folder)).transpose()?;
         let mut robot = RobotLive {
             state: RobotState::new(Arc::clone(robot)),
             readers,
             incoming,
             joints,
             joint_notice: None,
+            recording,
             waiting: VecDeque::new(),
-            interval: Duration::from_secs_f64(1.0 / rate_hz),
+            interval: Duration::from_secs_f64(1.0 / how.rate_hz),
             next_snapshot: Instant::now(),
         };
         (0..robot.readers.len()).try_for_each(|skin| robot.read(skin))?;
@@ -198,7 +220,22 @@ impl RobotLive {
     /// # Errors
     /// As there.
     pub fn joints(&mut self, at: Timestamp, positions: &[(&str, f64)]) -> Result<(), String> {
+        self.record(clock::now(), || Input::Joints {
+            measured_at: at,
+            positions: positions.iter().map(|&(name, position)| (name.into(), position)).collect(),
+        });
         self.state.joints(at, positions)
+    }
+
+    /// Records what the state is told.
+    fn record(&self, at: Timestamp, input: impl FnOnce() -> Input) {
+        if let Some(recording) = &self.recording {
+            recording.take(at, input());
+        }
+    }
+
+    fn name(&self, skin: usize) -> String {
+        self.state.robot().skins()[skin].name.clone()
     }
 
     /// Begins a new tare of a skin, or of all that are read.
@@ -228,6 +265,7 @@ impl RobotLive {
                 // A late snapshot is not made up for.
                 self.next_snapshot = (self.next_snapshot + self.interval).max(now);
                 let at = clock::now();
+                self.record(at, || Input::Snapshot);
                 let events = self.state.tick(at);
                 self.queue(events);
                 self.waiting.push_back(RobotOutput::Snapshot(Box::new(self.state.snapshot(at))));
@@ -243,8 +281,8 @@ impl RobotLive {
         }
     }
 
-    /// Stops reading.
-    pub fn stop(self) {
+    /// Stops reading. Returns why the recording, if there is one, is not complete.
+    pub fn stop(self) -> Option<String> {
         for (live, forward) in self.readers.into_iter().filter_map(|reader| reader.live) {
             live.stop();
             // A thread that panicked has printed its message already.
@@ -254,6 +292,7 @@ impl RobotLive {
             is_stopped.store(true, Ordering::Relaxed);
             let _ = thread.join();
         }
+        self.recording.and_then(RobotRecording::stop)
     }
 
     fn queue(&mut self, events: Vec<RuleEvent>) {
@@ -272,16 +311,23 @@ impl RobotLive {
     fn take(&mut self, incoming: Incoming) {
         let now = clock::now();
         let events = match incoming {
-            Incoming::Skin(skin, Event::Frame(frame) | Event::Stale(frame)) => {
+            Incoming::Skin(skin, Event::Frame(frame)) => {
+                let (measured_at, rate_hz) = (frame.result.measured_at, frame.result.health.rate_hz);
+                self.record(now, || Input::Frame { skin: self.name(skin), measured_at, rate_hz });
                 self.state.frame(skin, &frame.result, now)
+            }
+            Incoming::Skin(skin, Event::Stale(_)) => {
+                self.record(now, || Input::Stale { skin: self.name(skin) });
+                self.state.stale(skin, now)
             }
             Incoming::Skin(skin, Event::Connected(facts)) => {
                 self.report_swap(skin, facts.serial);
+                self.record(now, || Input::Connected { skin: self.name(skin), serial: facts.serial });
                 self.state.connected(skin, facts.serial, now)
             }
             Incoming::Skin(skin, Event::Lost(why)) => {
                 self.error(Some(skin), why);
-                self.state.fault(skin, UnknownReason::Lost, now)
+                self.fault(skin, UnknownReason::Lost, now)
             }
             Incoming::Skin(skin, Event::Notice(notice)) => {
                 self.notice(Some(skin), notice);
@@ -292,7 +338,7 @@ impl RobotLive {
             Incoming::Joints(at, states) => {
                 let given: Vec<(&str, f64)> =
                     states.name.iter().map(String::as_str).zip(states.position.iter().copied()).collect();
-                match self.state.joints(at, &given) {
+                match self.joints(at, &given) {
                     Ok(()) => self.check_clock(at, now),
                     Err(error) => self.joint_notice(error),
                 }
@@ -348,7 +394,15 @@ impl RobotLive {
             let _ = forward.join();
             self.error(Some(skin), format!("{why}; it is tried again"));
         }
-        self.state.fault(skin, UnknownReason::Unserved, now)
+        if let Some(recording) = &mut self.recording {
+            recording.end(skin);
+        }
+        self.fault(skin, UnknownReason::Unserved, now)
+    }
+
+    fn fault(&mut self, skin: usize, reason: UnknownReason, now: Timestamp) -> Vec<RuleEvent> {
+        self.record(now, || Input::Fault { skin: self.name(skin), reason });
+        self.state.fault(skin, reason, now)
     }
 
     fn read_again(&mut self) {
@@ -376,12 +430,15 @@ impl RobotLive {
             ) => {
                 reader.again = Some(Instant::now() + AGAIN);
                 self.error(Some(skin), error.to_string());
-                let events = self.state.fault(skin, UnknownReason::Unserved, clock::now());
+                let events = self.fault(skin, UnknownReason::Unserved, clock::now());
                 self.queue(events);
                 return Ok(());
             }
             Err(error) => return Err(error),
         };
+        if let Some(recording) = &mut self.recording {
+            recording.read(skin, &self.state.robot().skins()[skin].name, clock::now(), live.shared())?;
+        }
         let (mailbox, incoming) = (live.shared().subscribe_as("the robot", WAITING), Arc::clone(&self.incoming));
         let forward = move || {
             loop {

@@ -1,4 +1,6 @@
 use super::*;
+use crate::design::Body;
+use crate::geom::vector::norm;
 use crate::mesh::Mesh;
 
 /// The skin of the paper on a coarse mesh, for speed.
@@ -78,6 +80,76 @@ fn derivatives_are_those_of_differences() {
         // Displacements by one-sided differences of 0.1 mm; of contacts the series resistances are held constant.
         assert!(off < 0.03 * size, "unknown {unknown}: {off} of {size}");
     }
+}
+
+/// On a body known only by its mesh, electrodes move in its tangent planes, those on its edge along it; derivatives are those of
+/// differences, and displacements are found again.
+#[test]
+fn electrodes_of_a_mesh_are_displaced_in_its_tangent_planes() {
+    let (mut design, model) = skin();
+    design.body = Body::Mesh { file: "cylinder.stl".into(), unit_m: 1.0 };
+    let model = ForwardModel::new(&design, model.mesh()).unwrap();
+    let identifier = Identifier::new(&design, &model, IdentifyOptions::default()).unwrap().on_equal_mesh();
+    // The rings at both ends have one direction each, the others two.
+    let on_edge = design.electrodes.iter().filter(|one| [0.0, 0.3].contains(&one.centre_m[2])).count();
+    assert_eq!(identifier.displacements.len(), 2 * 30 - on_edge);
+    let nodes_m = &model.mesh().nodes;
+    for displacement in &identifier.displacements {
+        let (electrode, _) = displacement.electrode.unwrap();
+        let velocities = displacement.velocities(&Surface::Free, nodes_m);
+        let fastest = velocities.iter().map(|(_, by)| norm(*by)).fold(0.0, f64::max);
+        assert!((0.9..=1.0 + 1e-9).contains(&fastest), "electrode {electrode}: {fastest}");
+        for (node, [x, y, z]) in velocities {
+            let [at_x, at_y, at_z] = nodes_m[node];
+            // Normals of nodes are those of the cylinder but for the size of its cells.
+            assert!((x * at_x + y * at_y).abs() < 0.25 * at_x.hypot(at_y), "electrode {electrode}: across the wall");
+            let is_on_rim = at_z < 1e-9 || at_z > 0.3 - 1e-9;
+            assert!(!is_on_rim || z.abs() < 1e-9, "electrode {electrode}: over the edge");
+        }
+    }
+    let count = identifier.unknown_count();
+    let truth: Vec<f64> =
+        (0..count).map(|k| if k + 40 > count { ((k * 7 % 5) as f64 - 2.0) / 2.0 } else { 0.0 }).collect();
+    let made = identifier.model_at(&identifier.unknowns(&truth)).unwrap();
+    let untouched = made.solve(made.rest_conductivity()).unwrap();
+    let found = identifier.identify(&untouched, &vec![1e-3; untouched.len()]).unwrap();
+    let off = found
+        .displacements_m
+        .iter()
+        .zip(identifier.displacements_m(&truth))
+        .flat_map(|(a, b)| [a[0] - b[0], a[1] - b[1]]);
+    let of_displacements = rms(off);
+    println!("displacements {of_displacements} m, misfit {}", found.misfit);
+    assert!(of_displacements < 8e-5 && found.misfit < 1.0);
+    let data = identifier.data(&untouched, &vec![0.1; untouched.len()]).unwrap();
+    let jacobian = identifier.jacobian(&made, &data).unwrap();
+    for unknown in [count - 1, count - 17, count - 30] {
+        let frame = |by: f64| {
+            let mut x = truth.clone();
+            x[unknown] += by;
+            let model = identifier.model_at(&identifier.unknowns(&x)).unwrap();
+            data.residuals(&model.solve(model.rest_conductivity()).unwrap())
+        };
+        let (below, above) = (frame(-1e-2), frame(1e-2));
+        let expected: Vec<f64> = below.iter().zip(&above).map(|(below, above)| (below - above) / 2e-2).collect();
+        let off = rms(expected.iter().enumerate().map(|(row, expected)| jacobian.at(row, unknown) - expected));
+        assert!(off < 0.03 * rms(expected.iter().copied()), "unknown {unknown}: {off}");
+    }
+}
+
+/// Of reciprocal channels one is saturated: the skin is found as without both.
+#[test]
+fn a_saturated_channel_does_not_spoil_the_skin() {
+    let (design, model) = skin();
+    let identifier = Identifier::new(&design, &model, IdentifyOptions::default()).unwrap().on_equal_mesh();
+    let even: Vec<f64> = model.rest_conductivity().iter().map(|s| 1.1 * s).collect();
+    let mut untouched = model.solve(&even).unwrap();
+    let largest = (0..untouched.len()).max_by(|a, b| untouched[*a].total_cmp(&untouched[*b])).unwrap();
+    untouched.0[largest] *= 0.8;
+    let found = identifier.identify(&untouched, &vec![1e-3; untouched.len()]).unwrap();
+    let off = rms(found.conductivity().iter().zip(&even).map(|(found, truth)| (found / truth).ln()));
+    println!("misfit {}, conductance off by {off}", found.misfit);
+    assert!(found.misfit < 1.0 && off < 0.01, "{} {off}", found.misfit);
 }
 
 /// Sizes that nodes are displaced for change the frame as those of a design that is meshed with them do.

@@ -77,6 +77,9 @@ impl MethodError {
     }
 }
 
+/// The end of the label of a method with refined contacts.
+const AND_REFINED: &str = ", refined";
+
 /// A reconstruction method prepared for a skin, with the detection options for its images.
 #[derive(Clone)]
 pub struct Method {
@@ -138,7 +141,7 @@ impl Method {
     pub fn refined(self, skin: &Skin, excluded: &[usize]) -> Result<Self, MethodError> {
         let options = RefineOptions::default();
         let refined = Refined::new(self.reconstruct, skin.design(), skin.forward(), excluded.to_vec(), options)?;
-        let (name, label) = (Methods::REFINED.into(), format!("{}, refined", self.label));
+        let (name, label) = (Methods::REFINED.into(), format!("{}{AND_REFINED}", self.label));
         Ok(Method { name, label, reconstruct: Arc::new(refined), one_step: None, ..self })
     }
 
@@ -205,7 +208,7 @@ impl Method {
     }
 
     /// The method adapted to the untouched skin, if it depends on it and the untouched frames are known; see
-    /// [`Reconstruct::adapted`].
+    /// [`Reconstruct::adapted`]. Where there are too few to refine contacts, its label says nothing of that.
     ///
     /// # Errors
     /// Frames of the wrong length, a forward problem that cannot be solved.
@@ -214,7 +217,10 @@ impl Method {
             Some(baseline) => self.reconstruct.adapted(baseline, &differences.untouched)?,
             None => None,
         };
-        Ok(adapted.map_or_else(|| self.clone(), |reconstruct| Method { reconstruct, ..self.clone() }))
+        Ok(match adapted {
+            Some(reconstruct) => Method { reconstruct, ..self.clone() },
+            None => Method { label: self.label.strip_suffix(AND_REFINED).unwrap_or(&self.label).into(), ..self.clone() },
+        })
     }
 
     /// The detector for its images, with their [noise](crate::reconstruct::image_noise) in untouched frames, if there are any.

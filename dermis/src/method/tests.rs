@@ -30,7 +30,10 @@ fn names_and_options_that_do_not_fit_are_refused_in_words() {
         Methods::linear().method(&skin, name, &options).expect_err("refused").to_string()
     };
     let unknown = error("unknown", MethodOptions::default());
-    assert!(unknown.contains("no method `unknown` for the skin `tank16`: give one of noser, laplace"), "{unknown}");
+    assert!(
+        unknown.contains("no method `unknown` for the skin `tank16`: give one of refined, noser, laplace"),
+        "{unknown}"
+    );
     assert!(unknown.contains("./unknown"), "{unknown}");
     let excluded = error("noser", MethodOptions { excluded: vec![208], ..MethodOptions::default() });
     assert!(excluded.contains("channel 208") && excluded.contains("0 to 207"), "{excluded}");

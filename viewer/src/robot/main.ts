@@ -1,5 +1,7 @@
 // The page of a robot: its links and skins, what each skin says, contacts, rules.
 
+import "./robot.css";
+
 import { Connection, liveAddress } from "../connection";
 import { make, part, say, show } from "../dom";
 import { Notes } from "../messages";

@@ -25,9 +25,10 @@ use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
 /// Files of the page.
-const FILES: [PageFile; 3] = [
+const FILES: [PageFile; 4] = [
     ("/", "text/html; charset=utf-8", include_bytes!("page/robot.html")),
     ("/robot.js", "text/javascript; charset=utf-8", include_bytes!("page/robot.js")),
+    ("/robot.css", "text/css; charset=utf-8", include_bytes!("page/robot.css")),
     STYLE,
 ];
 /// Interval of what pages show.
