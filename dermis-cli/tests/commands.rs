@@ -91,7 +91,7 @@ fn results_have_the_shapes_that_scripts_expect() {
     at.good(&format!("contacts {input} -o contacts.csv"));
     let contacts = std::fs::read_to_string(at.path("contacts.csv")).unwrap();
     let header = "frame,id,x_m,y_m,z_m,normal_x,normal_y,normal_z,force_n,force_sd_n,strength,area_m2,direction_x,direction_y,\
-                  direction_z,half_length_m,half_width_m,sd_m,confidence,theta_rad\n";
+                  direction_z,half_length_m,half_width_m,edge_m,sd_m,confidence,theta_rad\n";
     assert!(contacts.starts_with(header), "{contacts}");
     let first: Vec<&str> = contacts.lines().nth(1).expect("a contact").split(',').collect();
     assert_eq!((first.len(), first[19]), (20, ""), "theta is empty except on cylinders");

@@ -38,7 +38,17 @@ fn expected(folder: &Path) -> PathBuf {
     let frames: Vec<Value> = (0..FRAMES).map(|index| expected_of(reference, &skin().frame(index))).collect();
     let fields = [
         &["x", "y", "z", "nx", "ny", "nz", "force", "force_sd", "strength", "area"][..],
-        &["direction_x", "direction_y", "direction_z", "half_length", "half_width", "sd", "confidence", "conductance"],
+        &[
+            "direction_x",
+            "direction_y",
+            "direction_z",
+            "half_length",
+            "half_width",
+            "edge",
+            "sd",
+            "confidence",
+            "conductance",
+        ],
         &["cx", "cy", "cz", "px", "py", "pz", "vx", "vy", "vz", "seen", "age", "id"],
     ]
     .concat();
@@ -80,10 +90,10 @@ fn expected_of(reference: &Reference, frame: &LiveFrame) -> Value {
 /// The numbers of a contact in a point cloud.
 fn point(tracked: &TrackedContact) -> Value {
     let Contact { id, position_m, normal, force_n, force_sd_n, strength, area_m2, direction, .. } = tracked.contact;
-    let Contact { half_length_m, half_width_m, sd_m, confidence, conductance, .. } = tracked.contact;
+    let Contact { half_length_m, half_width_m, edge_m, sd_m, confidence, conductance, .. } = tracked.contact;
     let TrackedContact { centroid_m, centre_of_pressure_m, velocity_m_s, seen, age_s, .. } = tracked;
     let numbers = json!([force_n, force_sd_n, strength, area_m2]);
-    let form = json!([half_length_m, half_width_m, sd_m, confidence, conductance.map(|change| change.sign())]);
+    let form = json!([half_length_m, half_width_m, edge_m, sd_m, confidence, conductance.map(|change| change.sign())]);
     let ends = json!([u8::from(*seen), age_s, id]);
     let vectors = [position_m, normal, direction, *centroid_m, *centre_of_pressure_m, *velocity_m_s];
     let [position_m, normal, direction, centroid_m, centre_of_pressure_m, velocity_m_s] =

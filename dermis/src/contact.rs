@@ -63,6 +63,11 @@ pub struct Contact {
     #[serde(default = "unknown", deserialize_with = "number_or_null")]
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub force_sd_n: f64,
+    /// Distance of the position from the edge of the skin, m; unknown on a closed skin. Contacts within 15 mm of an edge that is
+    /// far from electrodes are less certain.
+    #[serde(default = "unknown", deserialize_with = "number_or_null")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
+    pub edge_m: f64,
     /// Standard deviation of the position along the surface, per axis, m.
     #[serde(deserialize_with = "number_or_null")]
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
@@ -166,7 +171,7 @@ impl ConductanceChange {
 
 impl Contact {
     /// Its fields, in the order of tables.
-    pub const FIELDS: [Field<Self>; 13] = [
+    pub const FIELDS: [Field<Self>; 14] = [
         Field::new("id", &["id"], &["id"], Count, |contact| [contact.id as f64; 3]),
         Field::new("position_m", &["x_m", "y_m", "z_m"], &["x", "y", "z"], Number, |contact| contact.position_m),
         Field::new("normal", &["normal_x", "normal_y", "normal_z"], &["nx", "ny", "nz"], Number, |contact| {
@@ -185,6 +190,7 @@ impl Contact {
         ),
         Field::new("half_length_m", &["half_length_m"], &["half_length"], Number, |contact| [contact.half_length_m; 3]),
         Field::new("half_width_m", &["half_width_m"], &["half_width"], Number, |contact| [contact.half_width_m; 3]),
+        Field::new("edge_m", &["edge_m"], &["edge"], Number, |contact| [contact.edge_m; 3]),
         Field::new("sd_m", &["sd_m"], &["sd"], Number, |contact| [contact.sd_m; 3]),
         Field::new("confidence", &["confidence"], &["confidence"], Number, |contact| [contact.confidence; 3]),
         Field::new("conductance", &["conductance"], &["conductance"], Change, |contact| {
@@ -205,6 +211,7 @@ impl Contact {
             half_width_m: f64::NAN,
             force_n,
             force_sd_n: f64::NAN,
+            edge_m: f64::NAN,
             sd_m: f64::NAN,
             confidence: 1.0,
             conductance: None,

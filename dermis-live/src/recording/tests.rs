@@ -358,7 +358,7 @@ fn tables_hold_what_was_recorded() {
     let contacts = std::fs::read_to_string(out.join("contacts.csv")).unwrap();
     assert_eq!(contacts.lines().count(), converted.contacts + 1);
     let header = "frame,measured_s,x_m,y_m,z_m,normal_x,normal_y,normal_z,force_n,force_sd_n,strength,area_m2,direction_x,\
-                  direction_y,direction_z,half_length_m,half_width_m,sd_m,confidence,conductance,";
+                  direction_y,direction_z,half_length_m,half_width_m,edge_m,sd_m,confidence,conductance,";
     assert!(contacts.starts_with(header), "{contacts}");
     let times = std::fs::read_to_string(out.join("times.csv")).unwrap();
     assert_eq!(times.lines().nth(1), Some("0,1767225600.000000000,1767225600.000300000"));

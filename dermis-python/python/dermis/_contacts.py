@@ -12,8 +12,9 @@ class Contacts(np.recarray[Any, Any]):
 
     Fields: `frame` (index), `id`, `position_m` (3,), `normal` (3,) outward, `force_n` and `force_sd_n` (N, NaN where
     unknown), `strength` (integral of the image, m2), `area_m2`, `direction` (3,) along the contact, `half_length_m` and
-    `half_width_m` (NaN unless its form was fitted), `sd_m` (standard deviation of the position per axis),
-    `confidence` (0 to 1), `conductance` (1 if it rises, -1 if it falls, NaN if one sign was looked for).
+    `half_width_m` (NaN unless its form was fitted), `edge_m` (distance from the edge of the skin, NaN if it is closed),
+    `sd_m` (standard deviation of the position per axis), `confidence` (0 to 1), `conductance` (1 if it rises, -1 if it
+    falls, NaN if one sign was looked for).
 
     Contacts of a pipeline are tracked: `id` lasts while the contact lasts, `frame` is the number of the frame, and there
     are `centroid_m`, `centre_of_pressure_m`, `velocity_m_s` (3,), `seen` (False while the position is predicted),

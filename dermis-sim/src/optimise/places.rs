@@ -6,7 +6,6 @@ use dermis::geom::vector::distance;
 use dermis::geom::{Point3, Surface};
 use dermis::mesh::{Cells, Mesh};
 use dermis::protocol::Protocol;
-use std::collections::HashMap;
 
 /// Most nodes of a mesh whose nodes are places: far more than places that are tried.
 const MAX_NODES: f64 = 40_000.0;
@@ -161,16 +160,7 @@ impl<'a> Edge<'a> {
         if !matches!(body, Body::Mesh { .. }) {
             return Edge::Known(body);
         }
-        let mut cells_of = HashMap::new();
-        for cell in 0..mesh.cell_count() {
-            let corners = mesh.cells.corners(cell);
-            for side in 0..corners.len() {
-                let (a, b) = (corners[side], corners[(side + 1) % corners.len()]);
-                *cells_of.entry([a.min(b), a.max(b)]).or_insert(0) += 1;
-            }
-        }
-        let mut nodes: Vec<usize> =
-            cells_of.into_iter().filter(|(_, count)| *count == 1).flat_map(|(edge, _)| edge).collect();
+        let mut nodes: Vec<usize> = mesh.edge_sides().into_flattened();
         nodes.sort_unstable();
         nodes.dedup();
         Edge::Nodes(nodes.into_iter().map(|node| mesh.nodes[node]).collect())

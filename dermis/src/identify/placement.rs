@@ -6,7 +6,7 @@ use crate::geom::vector::{add, cross, distance, dot, normalize, scale, sub};
 use crate::geom::{Point3, Surface};
 use crate::identify::IdentifyOptions;
 use crate::mesh::{ElectrodePatch, Mesh};
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 
 /// The nodes within this many radii of an electrode's centre move with it.
 const RIGID_RADII: f64 = 1.2;
@@ -165,14 +165,8 @@ fn node_normals(mesh: &Mesh) -> Vec<Point3> {
 
 /// The nodes on the edge of a mesh of triangles, with the direction of the edge.
 fn edge_nodes(mesh: &Mesh) -> HashMap<usize, Point3> {
-    let sides = (0..mesh.cell_count()).flat_map(|cell| {
-        let corners = mesh.cells.corners(cell);
-        (0..corners.len()).map(|side| [corners[side], corners[(side + 1) % corners.len()]])
-    });
-    let sides: HashSet<[usize; 2]> = sides.collect();
     let mut along = HashMap::new();
-    // Triangles have one orientation: the edge is on the sides that no other triangle has in reverse.
-    for &[a, b] in sides.iter().filter(|&&[a, b]| !sides.contains(&[b, a])) {
+    for [a, b] in mesh.edge_sides() {
         let by = sub(mesh.nodes[b], mesh.nodes[a]);
         [a, b].into_iter().for_each(|node| {
             let sum = along.entry(node).or_insert([0.0; 3]);

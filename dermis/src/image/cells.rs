@@ -33,6 +33,7 @@ pub(super) fn pixels(mesh: &Mesh, surface: Surface) -> PixelSpace {
         normals,
         areas: (0..count).map(|cell| mesh.cell_measure(cell)).collect(),
         neighbours,
+        edge_m: Vec::new(),
         overlaps: (0..count).map(|cell| vec![(cell, 1.0)]).collect(),
     }
 }

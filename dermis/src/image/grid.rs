@@ -75,6 +75,7 @@ impl Grid {
             grid: Some([self.rows, self.columns]),
             neighbours: self.neighbours(&position_in_grid),
             areas: position_in_grid.iter().map(|&position| areas[position]).collect(),
+            edge_m: Vec::new(),
             overlaps: position_in_grid.iter().map(|&position| std::mem::take(&mut overlaps[position])).collect(),
             centres_m,
             normals,

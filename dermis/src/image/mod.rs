@@ -7,7 +7,7 @@ mod patches;
 pub(crate) mod tests;
 
 use crate::design::{ImageLayout, SkinDesign};
-use crate::geom::vector::{bounding_box, dot, sub};
+use crate::geom::vector::{bounding_box, dot, norm, scale, sub};
 use crate::geom::{Point3, Surface};
 use crate::mesh::{Mesh, MeshError};
 use std::sync::Arc;
@@ -31,6 +31,8 @@ pub struct PixelSpace {
     pub areas: Vec<f64>,
     /// Neighbours of each pixel, by index in this list: pixels that share an edge (in a volume a face).
     pub(crate) neighbours: Vec<Vec<usize>>,
+    /// The sides of the mesh's edge; none on a closed surface, or where it is not known.
+    pub(crate) edge_m: Vec<[Point3; 2]>,
     /// For each pixel the cells that it overlaps, with the fraction of the cell's measure in the pixel. The fractions
     /// of one cell over all pixels sum to one.
     pub overlaps: Vec<Vec<(usize, f64)>>,
@@ -48,18 +50,34 @@ impl PixelSpace {
     /// # Errors
     /// A grid on a body without rows and columns (a mesh file), or on a volume.
     pub fn for_design(design: &SkinDesign, mesh: &Mesh) -> Result<Self, MeshError> {
-        match design.image {
-            ImageLayout::Cells => Ok(Self::cells(mesh, design.body.surface())),
-            ImageLayout::Patches => Ok(patches::pixels(mesh, design.body.surface())),
-            ImageLayout::Grid { rows, columns } => grid::pixels(&design.body, [rows, columns], mesh),
-        }
+        let pixels = match design.image {
+            ImageLayout::Cells => cells::pixels(mesh, design.body.surface()),
+            ImageLayout::Patches => patches::pixels(mesh, design.body.surface()),
+            ImageLayout::Grid { rows, columns } => grid::pixels(&design.body, [rows, columns], mesh)?,
+        };
+        Ok(pixels.with_edge_of(mesh))
+    }
+
+    fn with_edge_of(self, mesh: &Mesh) -> Self {
+        let edge_m = mesh.edge_sides().into_iter().map(|side| side.map(|node| mesh.nodes[node])).collect();
+        PixelSpace { edge_m, ..self }
+    }
+
+    /// The straight-line distance from a point to the edge of the skin, m; `NaN` if it has none.
+    pub fn edge_distance_m(&self, point_m: Point3) -> f64 {
+        let to_side = |&[a, b]: &[Point3; 2]| {
+            let (along, to) = (sub(b, a), sub(point_m, a));
+            let part = (dot(to, along) / dot(along, along)).clamp(0.0, 1.0);
+            norm(sub(to, scale(along, part)))
+        };
+        self.edge_m.iter().map(to_side).reduce(f64::min).unwrap_or(f64::NAN)
     }
 
     /// One pixel per mesh cell; neighbours share an edge (triangles) or a face (tetrahedra).
     ///
     /// The normal of a tetrahedron is that of the nearest part of the body's outer surface, counted in cells.
     pub fn cells(mesh: &Mesh, surface: Surface) -> Self {
-        cells::pixels(mesh, surface)
+        cells::pixels(mesh, surface).with_edge_of(mesh)
     }
 
     /// Number of pixels.

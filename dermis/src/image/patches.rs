@@ -45,6 +45,7 @@ fn grouped(cells: &PixelSpace, reach_m: f64) -> PixelSpace {
         normals: members.iter().zip(&centres).map(|(members, &centre)| normal(members, centre)).collect(),
         areas: members.iter().map(|members| members.iter().map(|&cell| cells.areas[cell]).sum()).collect(),
         neighbours: (0..count).map(|pixel| neighbours(cells, &owners, &members[pixel], pixel)).collect(),
+        edge_m: Vec::new(),
         overlaps: members.into_iter().map(|members| members.into_iter().map(|cell| (cell, 1.0)).collect()).collect(),
     }
 }

@@ -3,6 +3,7 @@
 use crate::geom::vector::{Point3, centroid, distance};
 use crate::geom::{PlaceLimits, Surface};
 use crate::mesh::{Cells, Mesh};
+use std::collections::HashSet;
 
 impl Mesh {
     /// The centre of an electrode: the mean of its nodes, m.
@@ -12,6 +13,17 @@ impl Mesh {
     pub fn electrode_centre(&self, electrode: usize) -> Point3 {
         let nodes = self.electrode_nodes(electrode);
         centroid(&nodes.iter().map(|&node| self.nodes[node]).collect::<Vec<_>>())
+    }
+
+    /// The sides of triangles on the edge of a mesh, each along its triangle, ascending; none of a closed surface or of
+    /// tetrahedra.
+    pub fn edge_sides(&self) -> Vec<[usize; 2]> {
+        let Cells::Triangles(triangles) = &self.cells else { return Vec::new() };
+        let sides: HashSet<[usize; 2]> = triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
+        // Triangles have one orientation: another one has a side in reverse.
+        let mut edge: Vec<[usize; 2]> = sides.iter().copied().filter(|&[a, b]| !sides.contains(&[b, a])).collect();
+        edge.sort_unstable();
+        edge
     }
 
     /// The largest distance from an electrode to its nearest neighbour, m.
@@ -41,6 +53,15 @@ impl Mesh {
 mod tests {
     use crate::design::SkinDesign;
     use crate::mesh::Mesh;
+
+    #[test]
+    fn edges_are_those_of_the_body() {
+        let mesh = Mesh::generate(&SkinDesign::shipped("cylinder30").unwrap()).unwrap();
+        let length_m = |[a, b]: &[usize; 2]| crate::geom::vector::distance(mesh.nodes[*a], mesh.nodes[*b]);
+        let edge_m: f64 = mesh.edge_sides().iter().map(length_m).sum();
+        // Two rims of 100 mm, whose chords are a little shorter.
+        assert!((edge_m / (2.0 * std::f64::consts::PI * 0.1) - 1.0).abs() < 2e-3, "{edge_m}");
+    }
 
     #[test]
     fn touches_may_lie_off_the_skin_by_the_spacing_of_its_electrodes() {

@@ -219,7 +219,11 @@ impl Method {
         };
         Ok(match adapted {
             Some(reconstruct) => Method { reconstruct, ..self.clone() },
-            None => Method { label: self.label.strip_suffix(AND_REFINED).unwrap_or(&self.label).into(), ..self.clone() },
+            // Without frames it is adapted later.
+            None if differences.frames.is_empty() => self.clone(),
+            None => {
+                Method { label: self.label.strip_suffix(AND_REFINED).unwrap_or(&self.label).into(), ..self.clone() }
+            }
         })
     }
 

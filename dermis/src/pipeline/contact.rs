@@ -76,6 +76,7 @@ impl TrackedContact {
         let [centroid_m, centre_of_pressure_m] =
             if seen { centres(image, &contact, positive) } else { [contact.position_m; 2] };
         let since = start.after(Duration::from_secs_f64(since_s.max(0.0)));
+        let contact = Contact { edge_m: image.space.edge_distance_m(contact.position_m), ..contact };
         TrackedContact {
             contact,
             centroid_m,

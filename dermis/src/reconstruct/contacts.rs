@@ -30,6 +30,11 @@ pub struct Detection {
     pub signal: f64,
 }
 
+/// A contact with its distance from the edge of the skin.
+fn with_edge(contact: Contact, image: &Image) -> Contact {
+    Contact { edge_m: image.space.edge_distance_m(contact.position_m), ..contact }
+}
+
 impl dyn Reconstruct + '_ {
     /// The contacts of a difference (frame minus baseline, ohm): located by the method itself, or the peaks of its image,
     /// [corrected](Reconstruct::correct) by the method. The image is written to `image`.
@@ -48,7 +53,8 @@ impl dyn Reconstruct + '_ {
         let difference = &search.detector.without_spikes(difference);
         self.reconstruct_into(difference, &mut image.values)?;
         if let Some(contacts) = self.contacts(difference)? {
-            return Ok(contacts.into_iter().map(|contact| Detection { contact, signal: f64::INFINITY }).collect());
+            let located = |contact| Detection { contact: with_edge(contact, image), signal: f64::INFINITY };
+            return Ok(contacts.into_iter().map(located).collect());
         }
         let detected = search.detector.detect_under(image);
         let mut contacts: Vec<Contact> = detected.iter().map(|(contact, _)| *contact).collect();
@@ -56,6 +62,7 @@ impl dyn Reconstruct + '_ {
         if !search.detector.has_both_signs() {
             self.correct(difference, &mut contacts);
         }
+        contacts.iter_mut().for_each(|contact| *contact = with_edge(*contact, image));
         let unseen = search.unseen.filter(|_| search.alone || !detected.is_empty());
         Ok(with_signals(&image.space.surface, contacts, &detected, unseen))
     }

@@ -265,6 +265,7 @@ mod tests {
             normals: vec![[0.0; 3]; count],
             areas: vec![1e-3; count],
             neighbours: vec![Vec::new(); count],
+            edge_m: Vec::new(),
             overlaps: vec![Vec::new(); count],
         };
         let (desired, weights) = desired_images(&pixels, &vec![1e-4; count], 0.04, 0.8);

@@ -75,6 +75,7 @@ mod tests {
             normals: vec![[0.0, 0.0, 1.0]; 400],
             areas: vec![1.0; 400],
             neighbours: vec![Vec::new(); 400],
+            edge_m: Vec::new(),
             overlaps: vec![Vec::new(); 400],
             centres_m: centres,
         };

@@ -28,6 +28,7 @@ pub(crate) fn rows_of_pixels(pieces: &[usize]) -> PixelSpace {
         normals: vec![[0.0, 0.0, 1.0]; count],
         areas: (0..count).map(|pixel| 1.0 + 0.1 * (pixel % 3) as f64).collect(),
         neighbours,
+        edge_m: Vec::new(),
         overlaps: (0..count).map(|pixel| vec![(pixel, 1.0)]).collect(),
     }
 }

@@ -310,7 +310,25 @@ impl Fit<'_> {
         let kept = (0..state.touches.len()).filter(is_kept).map(|index| state.touches[index]);
         let all: Vec<Touch> = kept.chain(new.into_iter().flat_map(|new| new.state.touches)).collect();
         let changed = self.fitted(self.state(all))?;
-        (changed.evidence < from.evidence).then_some(changed)
+        let is_possible = changed.state.touches.len() <= state.touches.len() || !self.overlap(&changed.state.touches);
+        (is_possible && changed.evidence < from.evidence).then_some(changed)
+    }
+
+    /// Whether two touches are in one place, where two objects cannot be: the segments of both are nearer to each other than half
+    /// their widths.
+    fn overlap(&self, touches: &[Touch]) -> bool {
+        let (space, usual_m) = (self.responses.space(), self.responses.usual_m());
+        let of = |touch: &Touch| {
+            let density = Density::new(&touch.form, usual_m);
+            let [_, half_width_m] = density.half_extents_m();
+            let at = |part: f64| space.walk(&touch.place, density.axis.map(|axis| axis * part * density.half_length_m));
+            ([-1.0, -0.5, 0.0, 0.5, 1.0].map(at), half_width_m)
+        };
+        let all: Vec<_> = touches.iter().map(of).collect();
+        let near = |(a, half_a): &([Place; 5], f64), (b, half_b): &([Place; 5], f64)| {
+            a.iter().any(|one| b.iter().any(|other| space.distance_m(one, other) < half_a + half_b))
+        };
+        (0..all.len()).any(|a| (0..a).any(|b| near(&all[a], &all[b])))
     }
 
     /// Two touches as one.
