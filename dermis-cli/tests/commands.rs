@@ -94,7 +94,7 @@ fn results_have_the_shapes_that_scripts_expect() {
                   direction_z,half_length_m,half_width_m,edge_m,sd_m,confidence,theta_rad\n";
     assert!(contacts.starts_with(header), "{contacts}");
     let first: Vec<&str> = contacts.lines().nth(1).expect("a contact").split(',').collect();
-    assert_eq!((first.len(), first[19]), (20, ""), "theta is empty except on cylinders");
+    assert_eq!((first.len(), first[20]), (21, ""), "theta is empty except on cylinders");
 }
 
 /// A disconnected electrode shows in the untouched frames: its channels are left out, as with `--leave-out`.

@@ -21,7 +21,10 @@ pub struct Robot {
     rules: Vec<Rule>,
     kinematics: Option<Kinematics>,
     description: Option<PathBuf>,
+    /// The text of its file, and where the paths are in it: that of the description, those of each skin's design and method.
     text: String,
+    description_at: Option<Range<usize>>,
+    skin_paths_at: Vec<[Option<Range<usize>>; 2]>,
     base: usize,
     needed_joints: Vec<usize>,
 }
@@ -125,7 +128,7 @@ struct SkinTable {
     origin: Option<Spanned<OriginTable>>,
     source: Spanned<String>,
     serial: Option<u32>,
-    method: Option<String>,
+    method: Option<Spanned<String>>,
     #[serde(default = "yes")]
     required: bool,
 }
@@ -206,9 +209,27 @@ impl Robot {
         self.kinematics.as_ref()
     }
 
-    /// The text of its file.
-    pub fn text(&self) -> &str {
-        &self.text
+    /// The text of its file with other paths: of the description, and of the design and the method of each skin; a method that is
+    /// not given stays.
+    pub fn text_with_paths(
+        &self,
+        description: &str,
+        of_skin: impl Fn(&WornSkin) -> (String, Option<String>),
+    ) -> String {
+        let mut paths: Vec<(&Range<usize>, String)> =
+            self.description_at.iter().map(|at| (at, description.to_string())).collect();
+        for (worn, [design_at, method_at]) in self.skins.iter().zip(&self.skin_paths_at) {
+            let (design, method) = of_skin(worn);
+            paths.extend(design_at.as_ref().map(|at| (at, design)));
+            paths.extend(method_at.as_ref().zip(method));
+        }
+        paths.sort_by_key(|(at, _)| at.start);
+        let mut text = self.text.clone();
+        for (at, path) in paths.into_iter().rev() {
+            let quoted = if path.contains('\'') { format!("{path:?}") } else { format!("'{path}'") };
+            text.replace_range(at.clone(), &quoted);
+        }
+        text
     }
 
     /// The path of its description.
@@ -319,6 +340,13 @@ impl Reader<'_> {
             name: file.name,
             description,
             text: self.text.into(),
+            description_at: file.description.as_ref().map(Spanned::span),
+            skin_paths_at: file
+                .skin
+                .iter()
+                .map(Spanned::get_ref)
+                .map(|skin| [Some(skin.design.span()), skin.method.as_ref().map(Spanned::span)])
+                .collect(),
             joints: self.joint_source(&file.joints)?,
             age_s: self.within(&file.age_s, "age_s", 0.001..=10.0)?,
             friction: self.within(&file.friction, "friction", 0.0..=10.0)?,
@@ -388,7 +416,10 @@ impl Reader<'_> {
             origin: origin.as_ref().map_or(Ok(Pose::IDENTITY), |origin| self.origin(origin))?,
             source: source.get_ref().clone(),
             serial: *serial,
-            method: method.clone().map(|method| if is_folder(&method) { self.beside(&method) } else { method }),
+            method: method.as_ref().map(|method| match method.get_ref() {
+                folder if is_folder(folder) => self.beside(folder),
+                name => name.clone(),
+            }),
             required: *required,
             link_index,
         })

@@ -138,6 +138,7 @@ export interface Contact {
   direction: Vec3;
   half_length_m: number | null;
   half_width_m: number | null;
+  edge_m: number | null;
   sd_m: number | null;
   confidence: number;
   conductance?: "rises" | "falls";

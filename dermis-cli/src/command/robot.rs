@@ -38,7 +38,7 @@ enum RobotCommand {
     /// Check the file of a robot: links, designs, methods, skins that meet or overlap, the load.
     Check(CheckArguments),
     /// Read the skins of a robot live: contacts in its frame, wrenches, rules.
-    Run(RunArguments),
+    Run(Box<RunArguments>),
     /// Recompute the events and snapshots of a recording of a robot.
     Replay(ReplayArguments),
     /// List the links and joints of a robot description (URDF).

@@ -86,7 +86,7 @@ impl RobotRecording {
         let skins = folder.join(SKINS);
         fs::create_dir_all(&skins).map_err(|error| io(&skins, error))?;
         let write = |path: PathBuf, text: &str| fs::write(&path, text).map_err(|error| io(&path, error));
-        write(folder.join(ROBOT), &moved(robot)?)?;
+        write(folder.join(ROBOT), &moved(robot))?;
         if let Some(description) = robot.description() {
             let to = folder.join(DESCRIPTION);
             fs::copy(description, &to).map_err(|error| io(description, error))?;
@@ -176,23 +176,13 @@ fn write_lines(inputs: &Receiver<Line>, mut out: BufWriter<File>) -> std::io::Re
     }
 }
 
-/// The file of a robot with the files of its recording.
-fn moved(robot: &Robot) -> Result<String, LiveError> {
-    let ours =
-        |error: &dyn std::fmt::Display| LiveError::Given(format!("the file of the robot cannot be copied: {error}"));
-    let mut table: toml::Table = robot.text().parse().map_err(|error| ours(&error))?;
-    if robot.description().is_some() {
-        table.insert("description".into(), DESCRIPTION.into());
-    }
-    let tables = table.get_mut("skin").and_then(toml::Value::as_array_mut).into_iter().flatten();
-    for (skin, worn) in tables.filter_map(toml::Value::as_table_mut).zip(robot.skins()) {
-        skin.insert("design".into(), format!("{SKINS}/{}.toml", worn.name).into());
-        if let Some(method) = worn.method.as_ref().filter(|method| dermis::method::is_path(method)) {
-            let path = std::path::absolute(method).map_err(|error| ours(&error))?;
-            skin.insert("method".into(), path.display().to_string().into());
-        }
-    }
-    toml::to_string(&table).map_err(|error| ours(&error))
+/// The file of a robot with the files of its recording; folders of methods are where they were.
+fn moved(robot: &Robot) -> String {
+    robot.text_with_paths(DESCRIPTION, |worn| {
+        let folder = worn.method.as_deref().filter(|method| dermis::method::is_path(method));
+        let folder = folder.and_then(|folder| std::path::absolute(folder).ok());
+        (format!("{SKINS}/{}.toml", worn.name), folder.map(|folder| folder.display().to_string()))
+    })
 }
 
 /// A recording of a robot that is replayed: the same inputs give the same events and snapshots.

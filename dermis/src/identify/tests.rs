@@ -103,7 +103,7 @@ fn electrodes_of_a_mesh_are_displaced_in_its_tangent_planes() {
             let [at_x, at_y, at_z] = nodes_m[node];
             // Normals of nodes are those of the cylinder but for the size of its cells.
             assert!((x * at_x + y * at_y).abs() < 0.25 * at_x.hypot(at_y), "electrode {electrode}: across the wall");
-            let is_on_rim = at_z < 1e-9 || at_z > 0.3 - 1e-9;
+            let is_on_rim = !(1e-9..=0.3 - 1e-9).contains(&at_z);
             assert!(!is_on_rim || z.abs() < 1e-9, "electrode {electrode}: over the edge");
         }
     }
