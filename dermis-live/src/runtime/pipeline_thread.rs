@@ -37,8 +37,9 @@ pub(super) struct PipelineThread {
     is_live: bool,
     rebuilding: Option<JoinHandle<Result<RebuiltMethod, PipelineError>>>,
     fitting: Option<JoinHandle<Result<DriftFit, PipelineError>>>,
-    /// The masked channels of the last attempt to prepare the method again: it is not repeated.
-    tried_without: Option<Vec<usize>>,
+    /// The masked channels of the last attempt to prepare the method again, and whether it was adapted to a tare: it is not
+    /// repeated.
+    tried_without: Option<(Vec<usize>, bool)>,
     saved_at: Instant,
     stale: StaleWatch,
     gaps: NoticeLimit,
@@ -246,12 +247,12 @@ impl PipelineThread {
         if self.rebuilding.is_some() || !self.rebuilds || !self.pipeline.wants_rebuild() {
             return;
         }
-        let broken = self.pipeline.masked_channels();
-        if self.tried_without.as_ref() == Some(&broken) {
+        let rebuilding = self.pipeline.rebuild_job();
+        let tried = (self.pipeline.masked_channels(), rebuilding.is_adapted());
+        if self.tried_without.as_ref() == Some(&tried) {
             return;
         }
-        self.tried_without = Some(broken);
-        let rebuilding = self.pipeline.rebuild_job();
+        self.tried_without = Some(tried);
         let thread = std::thread::Builder::new().name("dermis-rebuild".into());
         self.rebuilding = thread.spawn(move || rebuilding.run()).ok();
     }

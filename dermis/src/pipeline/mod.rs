@@ -189,7 +189,7 @@ impl Pipeline {
         };
         pipeline.prepare_filter()?;
         let masked = pipeline.state.method_masked.clone();
-        let rest_ohm = pipeline.rebuild_job().rest_ohm.filter(|_| pipeline.state.method_adapted);
+        let rest_ohm = pipeline.adaptation_ohm().filter(|_| pipeline.state.method_adapted).map(<[f64]>::to_vec);
         match masked.is_empty() && rest_ohm.is_none() {
             true => pipeline.measure_noise()?,
             false => {
@@ -239,14 +239,17 @@ impl Pipeline {
     }
 
     /// The job of [`Command::Rebuild`], to be run outside the pipeline; pass its result to
-    /// [`install_method`](Self::install_method).
+    /// [`install_method`](Self::install_method). Where the masked channels have changed, the method is first prepared without
+    /// them, which is quick, and [wanted](Self::wants_rebuild) once more to be adapted to the tare.
     pub fn rebuild_job(&self) -> RebuildJob {
+        let masked = self.masked_channels();
+        let is_quick = self.state.method_masked != masked;
         RebuildJob {
             methods: Arc::clone(&self.methods),
             name: self.method.name().into(),
-            masked: self.masked_channels(),
             untouched: self.state.phase.untouched().to_vec(),
-            rest_ohm: self.adaptation_ohm().map(<[f64]>::to_vec),
+            rest_ohm: self.adaptation_ohm().filter(|_| !is_quick).map(<[f64]>::to_vec),
+            masked,
             noise_ohm: self.state.phase.noise_ohm().to_vec(),
         }
     }
@@ -256,7 +259,7 @@ impl Pipeline {
     pub fn install_method(&mut self, rebuilt: RebuiltMethod) -> bool {
         let is_wanted = rebuilt.masked == self.masked_channels()
             && rebuilt.method.name() == self.method.name()
-            && rebuilt.rest_ohm.as_deref() == self.adaptation_ohm();
+            && (rebuilt.rest_ohm.is_none() || rebuilt.rest_ohm.as_deref() == self.adaptation_ohm());
         if is_wanted {
             self.use_method(rebuilt);
         }

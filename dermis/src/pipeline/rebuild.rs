@@ -32,6 +32,11 @@ pub struct RebuiltMethod {
 }
 
 impl RebuildJob {
+    /// Whether the method will be adapted to a tare.
+    pub fn is_adapted(&self) -> bool {
+        self.rest_ohm.is_some()
+    }
+
     /// Prepares the method.
     ///
     /// # Errors
