@@ -1,7 +1,7 @@
 //! The page of a robot: its links, its skins and what is known of them.
 
 use super::connections::{PageSlot, Peer};
-use super::socket::{Asked, admit, send};
+use super::socket::{Asked, admit, send, wait_for};
 use super::{PageFile, STYLE, Server, ServerOptions, router};
 use crate::LiveError;
 use crate::runtime::RateLimit;
@@ -262,11 +262,7 @@ async fn talk(board: &Board, socket: &mut WebSocket) -> Result<(), ()> {
             }
             received = socket.recv() => match received {
                 Some(Ok(Message::Text(text))) => {
-                    if let Err(wait_s) = limit.passes(Instant::now()) {
-                        tokio::time::sleep(Duration::from_secs_f64(wait_s)).await;
-                        // It passes now; this takes it off the limit.
-                        let _ = limit.passes(Instant::now());
-                    }
+                    wait_for(&mut limit).await;
                     if let Err(why) = board.take(&text) {
                         send(socket, Message::text(json!({ "type": "refused", "why": why }).to_string())).await?;
                     }

@@ -117,11 +117,7 @@ impl Page {
                 }
                 received = socket.recv() => match received {
                     Some(Ok(Message::Text(text))) => {
-                        if let Err(wait_s) = self.limit.passes(Instant::now()) {
-                            tokio::time::sleep(Duration::from_secs_f64(wait_s)).await;
-                            // It passes now; this takes it off the limit.
-                            let _ = self.limit.passes(Instant::now());
-                        }
+                        wait_for(&mut self.limit).await;
                         if let Err(why) = self.execute(text.to_string()).await {
                             let refused = json!({ "type": "refused", "why": why }).to_string();
                             send(socket, Message::text(refused)).await?;
@@ -159,6 +155,15 @@ impl Page {
             (self.paused, self.last) = (paused, None);
         }
         done
+    }
+}
+
+/// Waits until another message of a page may pass.
+pub(super) async fn wait_for(limit: &mut RateLimit) {
+    if let Err(wait_s) = limit.passes(Instant::now()) {
+        tokio::time::sleep(Duration::from_secs_f64(wait_s)).await;
+        // It passes now; this takes it off the limit.
+        let _ = limit.passes(Instant::now());
     }
 }
 
