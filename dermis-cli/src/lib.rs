@@ -25,6 +25,7 @@ mod picture;
 mod press_report;
 mod range;
 mod rows;
+mod sinks;
 mod skin;
 mod source;
 mod used;

@@ -4,6 +4,9 @@
 mod bounded;
 mod field_cases_live;
 mod guided;
+#[cfg(feature = "ros2")]
+#[path = "../../dermis-live/tests/interpreter/mod.rs"]
+mod interpreter;
 mod large_files;
 mod live;
 mod mutated_files;

@@ -187,3 +187,42 @@ fn a_robot_has_a_page() {
     assert!(refused.starts_with("HTTP/1.1 403"), "{refused}");
     assert!(at.refused("robot run arm.toml --emulate --serve 0.0.0.0:0 --for 1").contains("token"));
 }
+
+#[test]
+fn lines_go_to_every_program_that_connects() {
+    use std::io::BufRead;
+    let at = Workplace::empty();
+    robot(&at, ["tcp:127.0.0.1:1", "tcp:127.0.0.1:2"]);
+    let running =
+        Running::start_said(&at, "robot run arm.toml --serve off --jsonl tcp:127.0.0.1:0", "lines of JSON are at tcp:");
+    let read = || {
+        let (_, address) = running.line.split_once("tcp:").unwrap();
+        let stream = std::net::TcpStream::connect(address.trim()).unwrap();
+        let line = std::io::BufReader::new(stream).lines().next().unwrap().unwrap();
+        serde_json::from_str::<Value>(&line).unwrap()
+    };
+    for _ in 0..2 {
+        assert_eq!(read()["snapshot"]["touched"], Value::Null);
+    }
+}
+
+#[cfg(feature = "ros2")]
+#[test]
+fn another_middleware_receives_a_robot_and_sends_its_joints() {
+    use crate::interpreter;
+    let scripts = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../dermis-live/tests/python");
+    let Some(python) = interpreter::with(&scripts.join("requirements.txt")) else { return };
+    let at = Workplace::empty();
+    robot(&at, ["tcp:127.0.0.1:1", "tcp:127.0.0.1:2"]);
+    let text = std::fs::read_to_string(at.path("arm.toml")).unwrap();
+    at.write("arm.toml", text.replace("joints = \"none\"", "joints = \"ros2:/joint_states\""));
+    // A domain of this process.
+    let domain = (100 + std::process::id() % 100).to_string();
+    let command = "robot run arm.toml --serve off --emulate --touch press --ros2 --namespace /arm --for 90";
+    let mut run = at.command(command).env("ROS_DOMAIN_ID", &domain).spawn().unwrap();
+    let mut peer = std::process::Command::new(python);
+    let said = interpreter::run(peer.arg(scripts.join("check_robot.py")).args([&domain, "60"]));
+    let _ = run.kill();
+    let _ = run.wait();
+    println!("{}", said.unwrap_or_else(|why| panic!("{why}")));
+}

@@ -60,6 +60,8 @@ pub enum JointSource {
     None,
     /// Datagrams of JSON that are sent to this address.
     Udp(String),
+    /// A topic of ROS 2 with messages of the type `sensor_msgs/msg/JointState`.
+    Ros2(String),
 }
 
 /// A condition on skins, whose begin and end are events.
@@ -376,8 +378,9 @@ impl Reader<'_> {
         match joints.get_ref().split_once(':') {
             None if joints.get_ref() == "none" => Ok(JointSource::None),
             Some(("udp", address)) if has_port(address) => Ok(JointSource::Udp(address.into())),
+            Some(("ros2", topic)) if topic.len() > 1 && topic.starts_with('/') => Ok(JointSource::Ros2(topic.into())),
             _ => {
-                let fix = "write \"udp:127.0.0.1:7450\" or \"none\"";
+                let fix = "write \"ros2:/joint_states\", \"udp:127.0.0.1:7450\" or \"none\"";
                 Err(self.error(
                     joints.span(),
                     format!("`{}` is no source of joint states", joints.get_ref()),

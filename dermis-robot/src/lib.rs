@@ -33,6 +33,7 @@ mod file;
 mod joints;
 mod kinematics;
 mod pose;
+mod seam;
 mod sleeve;
 mod snapshot;
 mod state;
@@ -42,9 +43,10 @@ mod wrench;
 pub use file::{JointSource, OnUnknown, Robot, Rule, When, WornSkin};
 pub use kinematics::{Kinematics, Posture};
 pub use pose::{Pose, Rotation};
+pub use seam::SEAM_M;
 pub use sleeve::{Sleeve, SleeveOptions};
 pub use snapshot::{
-    Cause, EventKind, JointTorque, RobotContact, RuleEvent, SkinSnapshot, Snapshot, UnknownReason, Zone,
+    Cause, ContactPart, EventKind, JointTorque, RobotContact, RuleEvent, SkinSnapshot, Snapshot, UnknownReason, Zone,
 };
 pub use state::RobotState;
 pub use urdf::{Shape, link_triangles};

@@ -53,6 +53,22 @@ impl Pose {
         Some(Pose { rotation: rotation_about(axis, angle), translation_m: xyz_m })
     }
 
+    /// The rotation as a unit quaternion `x, y, z, w` with `w >= 0`.
+    pub fn quaternion(&self) -> [f64; 4] {
+        let r = &self.rotation;
+        // The column of `4 q q'` with the largest diagonal (Shepperd 1978, DOI 10.2514/3.55767b).
+        let columns = [
+            [1.0 + r[0][0] - r[1][1] - r[2][2], r[0][1] + r[1][0], r[0][2] + r[2][0], r[2][1] - r[1][2]],
+            [r[0][1] + r[1][0], 1.0 - r[0][0] + r[1][1] - r[2][2], r[1][2] + r[2][1], r[0][2] - r[2][0]],
+            [r[0][2] + r[2][0], r[1][2] + r[2][1], 1.0 - r[0][0] - r[1][1] + r[2][2], r[1][0] - r[0][1]],
+            [r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1], 1.0 + r[0][0] + r[1][1] + r[2][2]],
+        ];
+        let largest = (1..4).fold(0, |best, k| if columns[k][k] > columns[best][best] { k } else { best });
+        let column = columns[largest];
+        let length = column.iter().map(|part| part * part).sum::<f64>().sqrt();
+        column.map(|part| part / length.copysign(column[3]))
+    }
+
     /// A rotation about a unit axis, rad, then a translation, m.
     pub(crate) fn about(axis: Point3, angle_rad: f64, translation_m: Point3) -> Self {
         Pose { rotation: rotation_about(axis, angle_rad), translation_m }
@@ -121,6 +137,13 @@ mod tests {
             cr * cp * cy + sr * sp * sy,
         ];
         assert!(is_near(Pose::from_xyz_quaternion([0.1, -0.2, 0.3], quaternion).unwrap(), pose));
+        let back = pose.quaternion();
+        assert!(back.iter().zip(&quaternion).all(|(a, b)| (a - b).abs() < 1e-12), "{back:?}");
+        for axis in 0..3 {
+            let mut half_turn = [0.0; 4];
+            half_turn[axis] = 1.0;
+            assert_eq!(Pose::from_xyz_quaternion([0.0; 3], half_turn).unwrap().quaternion(), half_turn);
+        }
         assert_eq!(Pose::from_xyz_quaternion([0.0; 3], [0.0, 0.0, 0.0, 1.1]), None);
         assert_eq!(Pose::from_xyz_quaternion([0.0; 3], [f64::NAN, 0.0, 0.0, 1.0]), None);
     }

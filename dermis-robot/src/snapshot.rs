@@ -1,6 +1,8 @@
 //! What is known of a robot at a time, and events: the schema of its lines of JSON.
 
+use crate::pose::Pose;
 use crate::wrench::Wrench;
+use dermis::contact::Contact;
 use dermis::geom::Point3;
 use dermis::pipeline::{InvalidReason, Timestamp, TrackedContact};
 use serde::{Deserialize, Serialize};
@@ -25,7 +27,7 @@ pub struct Snapshot {
     pub unknown: Vec<String>,
     /// The skins, in the order of the file.
     pub skins: Vec<SkinSnapshot>,
-    /// The contacts of all skins that are known, by skin and age.
+    /// The contacts of all skins that are known, the oldest first; a touch over the seam of two skins is one contact.
     pub contacts: Vec<RobotContact>,
     /// The wrench of the contacts of each link that wears a skin.
     pub wrenches: Vec<Wrench>,
@@ -106,7 +108,8 @@ impl UnknownReason {
     }
 }
 
-/// A contact on a robot. The fields of the contact itself are in the frame of its skin.
+/// A contact on a robot. The fields of the contact itself are in the frame of its skin; its id is one of the robot, that no other
+/// touch has had.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RobotContact {
@@ -114,9 +117,11 @@ pub struct RobotContact {
     pub skin: String,
     /// The link that wears it.
     pub link: String,
-    /// The contact; its id is unique on its skin.
+    /// The contact.
     #[serde(flatten)]
     pub contact: TrackedContact,
+    /// The contacts of skins that it is made of: several if it lies over a seam. The first is the oldest.
+    pub parts: Vec<ContactPart>,
     /// Position in the link's frame, m.
     pub position_link_m: Point3,
     /// Outward unit normal in the link's frame.
@@ -128,6 +133,40 @@ pub struct RobotContact {
     /// Standard deviation of the position in the base's frame, m: that on the skin, and the way that the point may have moved
     /// since the last joint states.
     pub sd_base_m: Option<f64>,
+    /// The pose of the skin's frame in the base's.
+    #[serde(skip)]
+    pub(crate) pose_base: Option<Pose>,
+}
+
+impl RobotContact {
+    /// The contact in the frame of the base, with `sd_base_m`; `None` if the pose of the link is unknown.
+    pub fn in_base(&self) -> Option<TrackedContact> {
+        let pose = self.pose_base?;
+        let TrackedContact { contact, centroid_m, centre_of_pressure_m, velocity_m_s, .. } = &self.contact;
+        Some(TrackedContact {
+            contact: Contact {
+                position_m: pose.point(contact.position_m),
+                normal: pose.vector(contact.normal),
+                direction: pose.vector(contact.direction),
+                sd_m: self.sd_base_m.unwrap_or(f64::NAN),
+                ..contact.clone()
+            },
+            centroid_m: pose.point(*centroid_m),
+            centre_of_pressure_m: pose.point(*centre_of_pressure_m),
+            velocity_m_s: pose.vector(*velocity_m_s),
+            ..self.contact.clone()
+        })
+    }
+}
+
+/// A contact of a skin.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct ContactPart {
+    /// The skin.
+    pub skin: String,
+    /// Its id on that skin.
+    pub id: u64,
 }
 
 /// A torque on a joint.

@@ -4,8 +4,9 @@ use crate::file::{OnUnknown, Robot, When};
 use crate::joints::{JointHistory, JointsAt};
 use crate::kinematics::Posture;
 use crate::pose::Pose;
+use crate::seam::{Key, Seams};
 use crate::snapshot::{
-    Cause, EventKind, JointTorque, RobotContact, RuleEvent, SkinSnapshot, Snapshot, UnknownReason, Zone,
+    Cause, ContactPart, EventKind, JointTorque, RobotContact, RuleEvent, SkinSnapshot, Snapshot, UnknownReason, Zone,
 };
 use crate::wrench::Wrench;
 use dermis::geom::vector::norm;
@@ -20,6 +21,7 @@ pub struct RobotState {
     joints: JointHistory,
     skins: Vec<SkinState>,
     rules: Vec<RuleState>,
+    seams: Seams,
 }
 
 /// What is known of a skin.
@@ -64,7 +66,8 @@ impl RobotState {
         let skins = robot.skins().iter().map(|_| absent()).collect();
         let rule = |rule: &crate::file::Rule| RuleState { held: vec![false; rule.skins.len()], ..RuleState::default() };
         let rules = robot.rules().iter().map(rule).collect();
-        RobotState { robot, joints: JointHistory::default(), skins, rules }
+        let seams = Seams::new(&robot);
+        RobotState { robot, joints: JointHistory::default(), skins, rules, seams }
     }
 
     /// The robot.
@@ -188,9 +191,20 @@ impl RobotState {
         }
     }
 
-    /// Finds the rules that begin or end.
+    /// The contacts of a skin; none of one that is unknown.
+    fn contacts(&self, skin: usize, now: Timestamp) -> &[TrackedContact] {
+        match (self.zone(skin, now), &self.skins[skin].frame) {
+            (Zone::Clear | Zone::Touched, Some(frame)) => &frame.contacts,
+            _ => &[],
+        }
+    }
+
+    /// Follows touches over seams, and finds the rules that begin or end.
     fn apply_rules(&mut self, measured_at: Timestamp, now: Timestamp) -> Vec<RuleEvent> {
         let mut events = Vec::new();
+        let mut seams = std::mem::take(&mut self.seams);
+        seams.update(&(0..self.skins.len()).map(|skin| self.contacts(skin, now)).collect::<Vec<_>>());
+        self.seams = seams;
         let robot = Arc::clone(&self.robot);
         for (index, rule) in robot.rules().iter().enumerate() {
             let mut cause: Option<Cause> = None;
@@ -241,7 +255,7 @@ impl RobotState {
     pub fn snapshot(&self, now: Timestamp) -> Snapshot {
         let robot = &self.robot;
         let mut links: Vec<Wrench> = Vec::new();
-        let (mut skins, mut contacts, mut unknown) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut skins, mut unknown) = (Vec::new(), Vec::new());
         let mut torques = Some(vec![(0.0, 0.0); robot.kinematics().map_or(0, |known| known.movable().len())]);
         for (index, worn) in robot.skins().iter().enumerate() {
             let (zone, frame) = (self.zone(index, now), self.skins[index].frame.as_deref());
@@ -257,7 +271,6 @@ impl RobotState {
             match (zone, frame) {
                 (Zone::Clear | Zone::Touched, Some(frame)) => {
                     let at = self.posture(frame);
-                    contacts.extend(self.contacts_of(index, frame, at.as_ref()));
                     for tracked in &frame.contacts {
                         if !of_skin.add(&tracked.contact, &worn.origin, robot.friction()) {
                             of_skin.lacks(&worn.name);
@@ -282,6 +295,7 @@ impl RobotState {
                 None => links.push(of_skin),
             }
         }
+        let contacts = self.seams.touches().iter().filter_map(|touch| self.contact(touch, now)).collect();
         let rules = robot.rules().iter().zip(&self.rules);
         Snapshot {
             robot: robot.name().into(),
@@ -316,38 +330,44 @@ impl RobotState {
         Some((joints, posture))
     }
 
-    fn contacts_of(
-        &self,
-        skin: usize,
-        frame: &SkinFrame,
-        at: Option<&(JointsAt, Posture<'_>)>,
-    ) -> impl Iterator<Item = RobotContact> {
+    /// A touch, by its contacts.
+    fn contact(&self, touch: &[Key], now: Timestamp) -> Option<RobotContact> {
+        let of = |&(skin, id): &Key| {
+            let tracked = self.contacts(skin, now).iter().find(|tracked| tracked.contact.id == id)?;
+            Some((skin, tracked))
+        };
+        let parts: Vec<(usize, &TrackedContact)> = touch.iter().filter_map(of).collect();
+        let &(skin, oldest) = parts.first()?;
+        let mut tracked = if parts.len() == 1 { oldest.clone() } else { self.seams.joined(&parts)? };
+        tracked.contact.id = self.seams.id((skin, oldest.contact.id))?;
         let worn = &self.robot.skins()[skin];
         let (base, link) = (self.robot.base_index(), worn.link_index);
-        let pose = at.and_then(|(_, posture)| posture.pose(base, link));
-        frame.contacts.iter().map(move |tracked| {
-            let contact = &tracked.contact;
-            let position_link_m = worn.origin.point(contact.position_m);
-            let normal_link = worn.origin.vector(contact.normal);
-            let moved_m = at.and_then(|(joints, posture)| {
-                let jacobian = posture.jacobian(base, link, position_link_m)?;
-                // Joints that are not known do not move this link.
-                let speeds: Vec<f64> =
-                    joints.speeds.iter().map(|speed| if speed.is_nan() { 0.0 } else { *speed }).collect();
-                let along =
-                    |row: usize| (0..jacobian.columns).map(|joint| jacobian.at(row, joint) * speeds[joint]).sum();
-                Some(norm([0, 1, 2].map(along)) * joints.gap_s)
-            });
-            RobotContact {
-                skin: worn.name.clone(),
-                link: worn.link.clone(),
-                contact: tracked.clone(),
-                position_link_m,
-                normal_link,
-                position_base_m: pose.map(|pose| pose.point(position_link_m)),
-                normal_base: pose.map(|pose| pose.vector(normal_link)),
-                sd_base_m: moved_m.filter(|_| contact.sd_m.is_finite()).map(|moved_m| contact.sd_m.hypot(moved_m)),
-            }
+        let at = self.skins[skin].frame.as_deref().and_then(|frame| self.posture(frame));
+        let pose = at.as_ref().and_then(|(_, posture)| posture.pose(base, link));
+        let contact = &tracked.contact;
+        let position_link_m = worn.origin.point(contact.position_m);
+        let normal_link = worn.origin.vector(contact.normal);
+        let moved_m = at.as_ref().and_then(|(joints, posture)| {
+            let jacobian = posture.jacobian(base, link, position_link_m)?;
+            // Joints that are not known do not move this link.
+            let speeds: Vec<f64> =
+                joints.speeds.iter().map(|speed| if speed.is_nan() { 0.0 } else { *speed }).collect();
+            let along = |row: usize| (0..jacobian.columns).map(|joint| jacobian.at(row, joint) * speeds[joint]).sum();
+            Some(norm([0, 1, 2].map(along)) * joints.gap_s)
+        });
+        let name = |skin: usize| self.robot.skins()[skin].name.clone();
+        let part = |(skin, part): &(usize, &TrackedContact)| ContactPart { skin: name(*skin), id: part.contact.id };
+        Some(RobotContact {
+            skin: worn.name.clone(),
+            link: worn.link.clone(),
+            position_link_m,
+            normal_link,
+            position_base_m: pose.map(|pose| pose.point(position_link_m)),
+            normal_base: pose.map(|pose| pose.vector(normal_link)),
+            sd_base_m: moved_m.filter(|_| contact.sd_m.is_finite()).map(|moved_m| contact.sd_m.hypot(moved_m)),
+            pose_base: pose.map(|pose| pose.after(&worn.origin)),
+            parts: parts.iter().map(part).collect(),
+            contact: tracked,
         })
     }
 

@@ -343,3 +343,76 @@ fn wrong_files_are_named_with_the_line_and_the_fix() {
         assert!(error.contains(expected), "{to}: {error}");
     }
 }
+
+/// Two plates side by side: the second begins 2 mm behind the first, whose edge is at x = 0.1 m.
+fn plates() -> RobotState {
+    let text = r#"
+name = "plates"
+[[skin]]
+name = "a"
+design = "skin16"
+link = "plate"
+source = "tcp:127.0.0.1:1"
+[[skin]]
+name = "b"
+design = "skin16"
+link = "plate"
+origin = { xyz_m = [0.102, 0, 0] }
+source = "tcp:127.0.0.1:2"
+"#;
+    RobotState::new(Arc::new(load(text).unwrap()))
+}
+
+/// The part of a touch of the radius 10 mm that a plate sees: it lies where the touch lies, but on the plate.
+fn part(id: u64, from_edge_m: f64, x_m: f64, y_m: f64, force_n: f64) -> Contact {
+    let truth = Contact::truth([x_m, y_m, 0.0], [0.0, 0.0, 1.0], force_n);
+    Contact { id, edge_m: from_edge_m, half_length_m: 0.01, half_width_m: 0.01, sd_m: 0.002, force_sd_n: 0.1, ..truth }
+}
+
+#[test]
+fn a_slide_over_a_seam_is_one_contact_with_one_id() {
+    let mut state = plates();
+    let mut ids = Vec::new();
+    for step in 0..=40 {
+        let (ms, x_m) = (10 * step, 0.08 + 0.001 * step as f64);
+        // From 10 mm before the edge on, the second plate sees a part, and the first one as far behind it.
+        let on_second = ((x_m - 0.09) / 0.02).clamp(0.0, 1.0);
+        let first = part(5, (0.1 - x_m).max(0.001), x_m.min(0.099), 0.03, 4.0 * (1.0 - on_second));
+        let second = part(9, (x_m - 0.102).max(0.001), (x_m - 0.102).max(0.001), 0.03, 4.0 * on_second);
+        let of = |contact: Contact| if contact.force_n > 0.0 { vec![contact] } else { Vec::new() };
+        state.frame(0, &frame(ms, &of(first)), at(ms));
+        state.frame(1, &frame(ms, &of(second)), at(ms));
+        let snapshot = state.snapshot(at(ms));
+        let [contact] = snapshot.contacts.as_slice() else { panic!("{x_m}: {:?}", snapshot.contacts) };
+        assert_eq!(contact.parts.len(), if on_second > 0.0 && on_second < 1.0 { 2 } else { 1 }, "{x_m}");
+        assert!((contact.contact.contact.force_n - 4.0).abs() < 1e-9, "{x_m}: {contact:?}");
+        let [x, y, _] = contact.position_link_m;
+        assert!((x - x_m).abs() < 0.006 && (y - 0.03).abs() < 1e-9, "{x_m}: {x}");
+        ids.push(contact.contact.contact.id);
+    }
+    ids.dedup();
+    assert_eq!(ids, [1]);
+}
+
+#[test]
+fn two_fingers_at_a_seam_are_two_and_their_ids_are_never_used_again() {
+    let mut state = plates();
+    let mut take = |ms: u64, first: &[Contact], second: &[Contact]| {
+        state.frame(0, &frame(ms, first), at(ms));
+        state.frame(1, &frame(ms, second), at(ms));
+        let mut ids: Vec<u64> =
+            state.snapshot(at(ms)).contacts.iter().map(|contact| contact.contact.contact.id).collect();
+        ids.sort_unstable();
+        ids
+    };
+    // Across the seam, 60 mm apart.
+    assert_eq!(take(0, &[part(1, 0.03, 0.07, 0.03, 2.0)], &[part(1, 0.028, 0.028, 0.03, 2.0)]), [1, 2]);
+    // Along it, 60 mm apart, both at the edge; the first plate has another contact now.
+    assert_eq!(take(10, &[part(2, 0.002, 0.098, 0.0, 2.0)], &[part(1, 0.002, 0.002, 0.06, 2.0)]), [2, 3]);
+    // Opposite each other they are one, and one each again when both have left the edge.
+    assert_eq!(take(20, &[part(2, 0.002, 0.098, 0.06, 2.0)], &[part(1, 0.002, 0.002, 0.06, 2.0)]), [2]);
+    assert_eq!(take(30, &[part(2, 0.03, 0.07, 0.06, 2.0)], &[part(1, 0.03, 0.03, 0.06, 2.0)]), [2, 4]);
+    // A skin that is unknown has no contacts; it comes back with another one.
+    assert_eq!(take(40, &[], &[part(1, 0.03, 0.03, 0.06, 2.0)]), [2]);
+    assert_eq!(take(50, &[part(2, 0.03, 0.07, 0.06, 2.0)], &[part(1, 0.03, 0.03, 0.06, 2.0)]), [2, 5]);
+}

@@ -7,6 +7,7 @@ use crate::failure::{Failure, Outcome, check_folder};
 use crate::latency;
 use crate::method::METHOD_HELP;
 use crate::range::{Part, number, part, size};
+use crate::sinks::{Lines, Ros2Arguments, lines};
 use crate::source::{PageArguments, SourceArguments};
 use clap::Args;
 use dermis::design::SkinDesign;
@@ -68,13 +69,8 @@ pub struct Arguments {
     /// Delete the oldest files of a recording before all of them together exceed this size, as in 20GiB.
     #[arg(long, value_name = "SIZE", value_parser = size)]
     record_keep: Option<u64>,
-    /// Publish over DDS as a ROS 2 node, in the domain ROS_DOMAIN_ID. Needs a program built with `--features
-    /// ros2`.
-    #[arg(long)]
-    ros2: bool,
-    /// Namespace of the ROS 2 topics, as in /left_arm.
-    #[arg(long, value_name = "NAME", default_value = "", hide_default_value = true, requires = "ros2")]
-    namespace: String,
+    #[command(flatten)]
+    ros2: Ros2Arguments,
     /// Name of the frame of the ROS 2 messages, as in left_cylinder30 [default: the design's name, as in its URDF]
     #[arg(long, value_name = "NAME", requires = "ros2", value_parser = frame_id)]
     frame_id: Option<String>,
@@ -86,8 +82,8 @@ pub struct Arguments {
     device_time: bool,
     /// Write a line of JSON per frame: `-` to standard output, tcp:127.0.0.1:PORT to every program on this machine that
     /// connects.
-    #[arg(long, value_name = "WHERE")]
-    jsonl: Option<String>,
+    #[arg(long, value_name = "WHERE", value_parser = lines)]
+    jsonl: Option<Lines>,
     /// Send a UDP datagram to HOST:PORT for each frame that is ok or degraded, for a watchdog that stops a robot when
     /// none arrives.
     #[arg(long, value_name = "HOST:PORT")]
@@ -234,8 +230,8 @@ impl Arguments {
         if self.check_build {
             check_first_frames(shared);
         }
-        if self.ros2 {
-            sinks.threads.push(publish(control, &self.namespace, self.frame_id.clone())?);
+        if self.ros2.ros2 {
+            sinks.threads.push(publish(control, &self.ros2, self.frame_id.clone())?);
         }
         sinks.server = self.page.serve(control)?;
         if let Some(path) = &self.record {
@@ -244,9 +240,9 @@ impl Arguments {
         if let Some(address) = &self.watchdog {
             sinks.threads.push(watchdog::send(shared, address)?);
         }
-        match self.jsonl.as_deref().map(|at| (at, at.split_once(':'))) {
+        match &self.jsonl {
             None => {}
-            Some(("-", _)) => {
+            Some(Lines::Standard) => {
                 let (shared, lines) = (Arc::clone(shared), jsonl::lines(shared));
                 sinks.lines = Some(std::thread::spawn(move || {
                     if let Err(error) = jsonl::write_lines(&shared, &lines, &mut std::io::stdout()) {
@@ -254,14 +250,10 @@ impl Arguments {
                     }
                 }));
             }
-            Some((_, Some(("tcp", address)))) => {
+            Some(Lines::Tcp(address)) => {
                 let (bound, thread) = jsonl::serve_lines(shared, address)?;
                 note(&format!("lines of JSON are at tcp:{bound}"));
                 sinks.threads.push(thread);
-            }
-            Some((other, _)) => {
-                let fix = "write --jsonl - or --jsonl tcp:127.0.0.1:PORT";
-                return Err(Failure::given(format!("`{other}` is no place for lines of JSON"), Some(fix)));
             }
         }
         Ok(sinks)
@@ -375,16 +367,13 @@ fn wait_a_moment(thread: &JoinHandle<()>) {
 }
 
 #[cfg(feature = "ros2")]
-fn publish(control: &Control, namespace: &str, frame_id: Option<String>) -> Outcome<JoinHandle<()>> {
-    let options =
-        dermis_live::sinks::ros2::dds::PublisherOptions { domain: None, namespace: namespace.into(), frame_id };
-    Ok(dermis_live::sinks::ros2::dds::publish(control.shared(), &options)?)
+fn publish(control: &Control, ros2: &Ros2Arguments, frame_id: Option<String>) -> Outcome<JoinHandle<()>> {
+    Ok(dermis_live::sinks::ros2::dds::publish(control.shared(), &ros2.options(frame_id))?)
 }
 
 #[cfg(not(feature = "ros2"))]
-fn publish(_: &Control, _: &str, _: Option<String>) -> Outcome<JoinHandle<()>> {
-    let fix = "install it with ROS 2: cargo install --locked --path dermis-cli --features ros2";
-    Err(Failure::given("--ros2: this program was built without ROS 2", Some(fix)))
+fn publish(_: &Control, _: &Ros2Arguments, _: Option<String>) -> Outcome<JoinHandle<()>> {
+    Err(crate::sinks::without_ros2())
 }
 
 /// The name of a frame: tf2 refuses empty names and a slash at the beginning.

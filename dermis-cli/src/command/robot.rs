@@ -5,6 +5,7 @@ use crate::emulated::EmulatorArguments;
 use crate::failure::{Failure, Outcome};
 use crate::output::{json_line, to_standard_output};
 use crate::range::number;
+use crate::sinks::{Lines, RobotPublisher, Ros2Arguments, lines};
 use crate::source::PageArguments;
 use clap::{Args, Subcommand};
 use dermis::design::SkinDesign;
@@ -14,8 +15,10 @@ use dermis_calibrate::Calibration;
 use dermis_emulate::emulator::Emulator;
 use dermis_live::device::Address;
 use dermis_live::robot::{RobotLive, RobotOptions, RobotOutput, RobotReplay, RobotReport, check};
+#[cfg(feature = "ros2")]
+use dermis_live::sinks::ros2::dds::PublishError;
 use dermis_live::sinks::viewer::{RobotRequest, RobotServer};
-use dermis_live::sinks::watchdog;
+use dermis_live::sinks::{jsonl, jsonl::LineServer, watchdog};
 use dermis_live::{LiveOptions, clock};
 use dermis_robot::{Cause, EventKind, Kinematics, Robot, RuleEvent, Snapshot, Zone};
 use serde::Serialize;
@@ -90,9 +93,12 @@ struct RunArguments {
     /// Snapshots per second.
     #[arg(long, value_name = "HZ", default_value_t = 50.0, value_parser = number(0.1..=1000.0))]
     rate: f64,
-    /// Write a line of JSON for each snapshot, and one for each event at once, to standard output: `-`.
-    #[arg(long, value_name = "-", value_parser = ["-"])]
-    jsonl: Option<String>,
+    /// Write a line of JSON for each snapshot, and one for each event at once: `-` to standard output, tcp:127.0.0.1:PORT to
+    /// every program on this machine that connects.
+    #[arg(long, value_name = "WHERE", value_parser = lines)]
+    jsonl: Option<Lines>,
+    #[command(flatten)]
+    ros2: Ros2Arguments,
     /// Record the skins, joint states and events in this new folder, for `dermis robot replay`.
     #[arg(long, value_name = "FOLDER")]
     record: Option<PathBuf>,
@@ -148,7 +154,7 @@ impl ReplayArguments {
                         counts.snapshots += 1;
                         counts.touched_snapshots += u64::from(snapshot.touched == Some(true));
                     }
-                    RobotOutput::Notice { .. } => continue,
+                    RobotOutput::Notice { .. } | RobotOutput::Frame(..) => continue,
                 }
                 if !self.summary {
                     json_line(out, &output)?;
@@ -249,12 +255,18 @@ impl RunArguments {
         let heartbeat = self.watchdog.as_deref().map(watchdog::socket).transpose()?;
         let mut emulators = Vec::new();
         let waiting = crate::console::Progress::waiting("preparing the skins");
-        let how = RobotOptions { rate_hz: self.rate, record: self.record.clone() };
+        let how = RobotOptions { rate_hz: self.rate, record: self.record.clone(), frames: self.ros2.ros2 };
         let started =
             RobotLive::start(&robot, &dermis_learn::methods(), &how, |skin| self.options(&robot, skin, &mut emulators));
         drop(waiting);
         let mut live = started?;
         let mut page = self.page.serve_robot(&robot)?;
+        let mut ros2 = self.publisher(&robot, &live)?;
+        let server = match &self.jsonl {
+            Some(Lines::Tcp(address)) => Some(LineServer::start(address)?),
+            _ => None,
+        };
+        server.iter().for_each(|server| note(&format!("lines of JSON are at tcp:{}", server.address())));
         let swings = self.emulate && *robot.joint_source() == dermis_robot::JointSource::None;
         let (begun, mut shown, mut swung) = (Instant::now(), Instant::now(), None);
         let line = StatusLine::new();
@@ -269,10 +281,20 @@ impl RunArguments {
                 live.tare(skin.as_deref());
             }
             let Some(output) = live.next(SWING_EVERY) else { continue };
-            if self.jsonl.is_some() && !matches!(output, RobotOutput::Notice { .. }) && !write_line(&output)? {
-                break;
+            if matches!(output, RobotOutput::Event(_) | RobotOutput::Snapshot(_)) && self.jsonl.is_some() {
+                let line = jsonl::line(&output).map_err(|error| Failure::Ours(error.to_string()))?;
+                match &server {
+                    Some(server) => drop(server.send(&line)),
+                    None if !write_line(&line)? => break,
+                    None => {}
+                }
+            }
+            if let Some(error) = ros2.as_mut().and_then(|ros2| publish(ros2, &robot, &output)) {
+                ros2 = None;
+                line.notice(Severity::Error, &format!("publishing has ended: {error}"));
             }
             match output {
+                RobotOutput::Frame(..) => {}
                 RobotOutput::Event(event) => {
                     counts.1 += 1;
                     let text = event_text(&event);
@@ -315,6 +337,19 @@ impl RunArguments {
         incomplete.map_or(Ok(()), |why| Err(Failure::given(format!("the recording is not complete: {why}"), None)))
     }
 
+    /// What publishes the robot.
+    #[cfg(feature = "ros2")]
+    fn publisher(&self, robot: &Robot, live: &RobotLive) -> Outcome<Option<RobotPublisher>> {
+        let given = |error: PublishError| Failure::given(error.to_string(), None);
+        let publisher = || RobotPublisher::new(robot, &live.skins(), &self.ros2.options(None)).map_err(given);
+        self.ros2.ros2.then(publisher).transpose()
+    }
+
+    #[cfg(not(feature = "ros2"))]
+    fn publisher(&self, _: &Robot, _: &RobotLive) -> Outcome<Option<RobotPublisher>> {
+        if self.ros2.ros2 { Err(crate::sinks::without_ros2()) } else { Ok(None) }
+    }
+
     /// How a skin is read; starts its emulator.
     fn options(&self, robot: &Robot, skin: usize, emulators: &mut Vec<Arc<Emulator>>) -> Outcome<LiveOptions> {
         let worn = &robot.skins()[skin];
@@ -353,12 +388,27 @@ fn swing(live: &mut RobotLive, robot: &Robot, time_s: f64) {
     let _ = live.joints(clock::now(), &positions);
 }
 
+/// Publishes what a robot says; returns an error that ends publishing.
+#[cfg(feature = "ros2")]
+fn publish(ros2: &mut RobotPublisher, robot: &Robot, output: &RobotOutput) -> Option<String> {
+    let sent = match output {
+        RobotOutput::Event(event) => ros2.event(event),
+        RobotOutput::Snapshot(snapshot) => ros2.snapshot(robot, snapshot),
+        RobotOutput::Frame(skin, frame) => ros2.frame(*skin, frame),
+        RobotOutput::Notice { .. } => Ok(()),
+    };
+    sent.err().map(|error| error.to_string())
+}
+
+#[cfg(not(feature = "ros2"))]
+fn publish(ros2: &mut RobotPublisher, _: &Robot, _: &RobotOutput) -> Option<String> {
+    match *ros2 {}
+}
+
 /// Writes a line; returns whether anyone still reads.
-fn write_line(output: &RobotOutput) -> Outcome<bool> {
-    let mut line = serde_json::to_vec(output).map_err(|error| Failure::Ours(error.to_string()))?;
-    line.push(b'\n');
+fn write_line(line: &[u8]) -> Outcome<bool> {
     let mut out = std::io::stdout().lock();
-    match out.write_all(&line).and_then(|()| out.flush()) {
+    match out.write_all(line).and_then(|()| out.flush()) {
         Ok(()) => Ok(true),
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(false),
         Err(error) => Err(Failure::given(format!("standard output cannot be written: {error}"), None)),

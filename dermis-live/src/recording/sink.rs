@@ -123,7 +123,7 @@ impl RecorderThread {
     fn record(&self) -> Result<(), RecordError> {
         let Some(session) = self.await_session() else { return Ok(()) };
         let skin = self.shared.skin();
-        let reference = Reference { frame_id: skin.design().frame_id(), space: Arc::clone(skin.pixels()) };
+        let reference = Reference::of(skin, skin.design().frame_id());
         let mut parts = Parts::create(&self.path, self.limits, reference, &session, free_space)?;
         let recorded = self.record_into(&mut parts, session);
         self.report(&parts);

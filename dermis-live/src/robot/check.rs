@@ -8,15 +8,13 @@ use dermis::geom::Point3;
 use dermis::geom::vector::distance;
 use dermis::method::{MethodSet, Methods};
 use dermis::pipeline::{Command, FrameInput, Pipeline, Settings, Timestamp};
-use dermis_robot::{Robot, WornSkin};
+use dermis_robot::{Robot, SEAM_M, WornSkin};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Two skins of one link that are nearer than this are neighbours over a seam, m.
-const SEAM_M: f64 = 0.015;
 /// Frames that are timed.
 const TIMED: u32 = 100;
 /// Noise of the timed frames, of their values: that of a good instrument, so that each frame is another one.

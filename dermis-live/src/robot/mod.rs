@@ -34,7 +34,7 @@ pub use check::{Neighbours, RobotReport, SkinReport, check};
 pub use recording::RobotReplay;
 
 use crate::clock;
-use crate::runtime::{Event, Live, LiveOptions, Mailbox, Popped};
+use crate::runtime::{Event, Live, LiveFrame, LiveOptions, Mailbox, Popped};
 use crate::{LiveError, runtime};
 use dermis::method::{MethodSet, Methods};
 use dermis::pipeline::{Command, Notice, Severity, Timestamp};
@@ -66,11 +66,13 @@ pub struct RobotOptions {
     pub rate_hz: f64,
     /// A new folder for a recording.
     pub record: Option<PathBuf>,
+    /// Whether frames of skins are outputs.
+    pub frames: bool,
 }
 
 impl Default for RobotOptions {
     fn default() -> Self {
-        RobotOptions { rate_hz: 50.0, record: None }
+        RobotOptions { rate_hz: 50.0, record: None, frames: false }
     }
 }
 
@@ -84,6 +86,9 @@ pub enum RobotOutput {
     Event(RuleEvent),
     /// What is known of the robot.
     Snapshot(Box<Snapshot>),
+    /// A frame of a skin, by its index; a stale one without contacts.
+    #[serde(skip)]
+    Frame(usize, Arc<LiveFrame>),
     /// A message for people, of a skin or of the robot itself.
     #[serde(skip)]
     Notice {
@@ -160,6 +165,7 @@ pub struct RobotLive {
     joints: Option<(JoinHandle<()>, Arc<AtomicBool>)>,
     joint_notice: Option<Instant>,
     recording: Option<RobotRecording>,
+    frames: bool,
     waiting: VecDeque<RobotOutput>,
     interval: Duration,
     next_snapshot: Instant,
@@ -188,6 +194,7 @@ impl RobotLive {
         let joints = match robot.joint_source() {
             JointSource::None => None,
             JointSource::Udp(address) => Some(listen(address, &incoming)?),
+            JointSource::Ros2(topic) => Some(subscribe(topic, &incoming)?),
         };
         let (mut prepared, mut readers) = (Prepared::new(methods), Vec::new());
         for (index, worn) in robot.skins().iter().enumerate() {
@@ -202,6 +209,7 @@ impl RobotLive {
             joints,
             joint_notice: None,
             recording,
+            frames: how.frames,
             waiting: VecDeque::new(),
             interval: Duration::from_secs_f64(1.0 / how.rate_hz),
             next_snapshot: Instant::now(),
@@ -213,6 +221,11 @@ impl RobotLive {
     /// The state of the robot.
     pub fn state(&self) -> &RobotState {
         &self.state
+    }
+
+    /// The skins, in the order of the robot.
+    pub fn skins(&self) -> Vec<Skin> {
+        self.readers.iter().map(|reader| reader.methods.skin().clone()).collect()
     }
 
     /// Takes joint states from the program, as [`RobotState::joints`].
@@ -295,6 +308,12 @@ impl RobotLive {
         self.recording.and_then(RobotRecording::stop)
     }
 
+    fn show(&mut self, skin: usize, frame: Arc<LiveFrame>) {
+        if self.frames {
+            self.waiting.push_back(RobotOutput::Frame(skin, frame));
+        }
+    }
+
     fn queue(&mut self, events: Vec<RuleEvent>) {
         self.waiting.extend(events.into_iter().map(RobotOutput::Event));
     }
@@ -314,10 +333,13 @@ impl RobotLive {
             Incoming::Skin(skin, Event::Frame(frame)) => {
                 let (measured_at, rate_hz) = (frame.result.measured_at, frame.result.health.rate_hz);
                 self.record(now, || Input::Frame { skin: self.name(skin), measured_at, rate_hz });
-                self.state.frame(skin, &frame.result, now)
+                let events = self.state.frame(skin, &frame.result, now);
+                self.show(skin, frame);
+                events
             }
-            Incoming::Skin(skin, Event::Stale(_)) => {
+            Incoming::Skin(skin, Event::Stale(frame)) => {
                 self.record(now, || Input::Stale { skin: self.name(skin) });
+                self.show(skin, frame);
                 self.state.stale(skin, now)
             }
             Incoming::Skin(skin, Event::Connected(facts)) => {
@@ -477,6 +499,50 @@ fn listen(address: &str, incoming: &Arc<Mailbox<Incoming>>) -> Result<(JoinHandl
     Ok((runtime::spawn("dermis-joints", run), is_stopped))
 }
 
+/// Subscribes to joint states of ROS 2.
+#[cfg(feature = "ros2")]
+fn subscribe(topic: &str, incoming: &Arc<Mailbox<Incoming>>) -> Result<(JoinHandle<()>, Arc<AtomicBool>), LiveError> {
+    /// Interval of looks: the messages have their times.
+    const LOOK: Duration = Duration::from_millis(2);
+    let states = crate::sinks::ros2::robot::JointStates::subscribe(topic)
+        .map_err(|error| LiveError::Given(format!("cannot receive joint states: {error}")))?;
+    let (incoming, is_stopped) = (Arc::clone(incoming), Arc::new(AtomicBool::new(false)));
+    let stopped = Arc::clone(&is_stopped);
+    let run = move || {
+        while !stopped.load(Ordering::Relaxed) {
+            match states.take() {
+                Ok(Some((stamp, state))) => {
+                    let states = JointStates { stamp_s: None, name: state.name, position: state.position };
+                    incoming.put(states.taken(stamp.unwrap_or_else(clock::now)));
+                }
+                Ok(None) => std::thread::sleep(LOOK),
+                Err(error) => {
+                    incoming.put(Incoming::Wrong(format!("joint states that cannot be read: {error}")));
+                    std::thread::sleep(LOOK);
+                }
+            }
+        }
+    };
+    Ok((runtime::spawn("dermis-joints", run), is_stopped))
+}
+
+#[cfg(not(feature = "ros2"))]
+fn subscribe(topic: &str, _: &Arc<Mailbox<Incoming>>) -> Result<(JoinHandle<()>, Arc<AtomicBool>), LiveError> {
+    let fix = "build it with ROS 2 (`--features ros2`), or take joints = \"udp:HOST:PORT\"";
+    Err(LiveError::Given(format!("joint states of {topic}: this program was built without ROS 2; {fix}")))
+}
+
+impl JointStates {
+    /// As they come in.
+    fn taken(self, at: Timestamp) -> Incoming {
+        if self.name.len() == self.position.len() {
+            return Incoming::Joints(at, self);
+        }
+        let (names, positions) = (self.name.len(), self.position.len());
+        Incoming::Wrong(format!("joint states with {names} names and {positions} positions: give one for each"))
+    }
+}
+
 /// Joint states in a datagram that arrived at a time.
 fn joint_states(datagram: &[u8], arrived: Timestamp) -> Incoming {
     const SHAPE: &str = r#"send {"stamp_s": 1764200000.5, "name": ["elbow"], "position": [0.1]}"#;
@@ -484,14 +550,10 @@ fn joint_states(datagram: &[u8], arrived: Timestamp) -> Incoming {
         Ok(states) => states,
         Err(error) => return Incoming::Wrong(format!("joint states that cannot be read: {error}; {SHAPE}")),
     };
-    if states.name.len() != states.position.len() {
-        let (names, positions) = (states.name.len(), states.position.len());
-        return Incoming::Wrong(format!("joint states with {names} names and {positions} positions; {SHAPE}"));
-    }
     let at = match states.stamp_s {
         None => arrived,
         Some(seconds) if (0.0..1e10).contains(&seconds) => Timestamp { unix_ns: (seconds * 1e9).round() as u64 },
         Some(seconds) => return Incoming::Wrong(format!("joint states of the time {seconds} s: it is since 1970")),
     };
-    Incoming::Joints(at, states)
+    states.taken(at)
 }

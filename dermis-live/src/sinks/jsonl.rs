@@ -2,14 +2,14 @@
 
 use crate::LiveError;
 use crate::runtime::LiveFrame;
-use crate::runtime::{Event, LiveHandle};
-use crate::runtime::{Mailbox, Popped};
+use crate::runtime::{self, Event, LiveHandle, Mailbox, Popped};
 use dermis::pipeline::{Timestamp, TrackedContact, Validity};
 use serde::Serialize;
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::num::NonZeroU32;
-use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -75,14 +75,18 @@ impl<'a> FrameLine<'a> {
     }
 }
 
+/// The name of this sink in reports of dropped events.
+const LINES: &str = "lines of JSON";
 /// Lines that can wait for a reader.
 const WAITING: usize = 256;
 /// Programs that read lines at once, each on a thread; more connections are closed.
 const MAX_READERS: usize = 64;
+/// A reader that reads nothing for this time is disconnected.
+const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Subscribes to the frames from now on, for [`write_lines`]; if they are not read fast enough, the oldest are dropped.
 pub fn lines(shared: &LiveHandle) -> Arc<Mailbox<Event>> {
-    shared.subscribe_as("lines of JSON", WAITING)
+    shared.subscribe_as(LINES, WAITING)
 }
 
 /// Writes a line for each frame until the live skin stops or the reader disconnects.
@@ -90,7 +94,8 @@ pub fn lines(shared: &LiveHandle) -> Arc<Mailbox<Event>> {
 /// # Errors
 /// A writer that fails; a closed one is not an error.
 pub fn write_lines(shared: &LiveHandle, mailbox: &Arc<Mailbox<Event>>, out: &mut dyn Write) -> std::io::Result<()> {
-    let written = write_until_closed(shared, mailbox, out);
+    let write = |line: &[u8]| out.write_all(line).and_then(|()| out.flush());
+    let written = for_each_line(shared, mailbox, write);
     shared.unsubscribe(mailbox);
     match written {
         Err(error) if matches!(error.kind(), std::io::ErrorKind::BrokenPipe | std::io::ErrorKind::ConnectionReset) => {
@@ -100,16 +105,16 @@ pub fn write_lines(shared: &LiveHandle, mailbox: &Arc<Mailbox<Event>>, out: &mut
     }
 }
 
-fn write_until_closed(shared: &LiveHandle, mailbox: &Mailbox<Event>, out: &mut dyn Write) -> std::io::Result<()> {
+fn for_each_line(
+    shared: &LiveHandle,
+    mailbox: &Mailbox<Event>,
+    mut take: impl FnMut(&[u8]) -> std::io::Result<()>,
+) -> std::io::Result<()> {
     let frame_id = &shared.skin().design().frame_id();
     loop {
         match mailbox.take(Duration::from_secs(1)) {
             Popped::Item(Event::Frame(frame) | Event::Stale(frame)) => {
-                let line = FrameLine { skipped: shared.skipped(), ..FrameLine::new(&frame, frame_id) };
-                let mut line = serde_json::to_vec(&line)?;
-                line.push(b'\n');
-                out.write_all(&line)?;
-                out.flush()?;
+                take(&line(&FrameLine { skipped: shared.skipped(), ..FrameLine::new(&frame, frame_id) })?)?;
             }
             Popped::Item(_) | Popped::TimedOut => {}
             Popped::Closed => return Ok(()),
@@ -117,56 +122,159 @@ fn write_until_closed(shared: &LiveHandle, mailbox: &Mailbox<Event>, out: &mut d
     }
 }
 
-/// Sends lines to every program on this machine that connects, each on a separate thread.
+/// A value as a line.
 ///
 /// # Errors
-/// An address that is in use, or that other machines can reach, because there is no authentication.
+/// A value that JSON cannot represent.
+pub fn line(value: &impl Serialize) -> serde_json::Result<Vec<u8>> {
+    let mut line = serde_json::to_vec(value)?;
+    line.push(b'\n');
+    Ok(line)
+}
+
+/// Sends lines of the skin to every program on this machine that connects, until the skin is no longer read.
+///
+/// # Errors
+/// Those of [`LineServer::start`].
 pub fn serve_lines(shared: &Arc<LiveHandle>, address: &str) -> Result<(SocketAddr, JoinHandle<()>), LiveError> {
-    let failed = |error: std::io::Error| {
-        let fix = match error.kind() {
-            std::io::ErrorKind::AddrInUse => "another program listens there: take another port, or 0 for any",
-            std::io::ErrorKind::AddrNotAvailable => "that is no address of this machine",
-            _ => "write --jsonl tcp:HOST:PORT, as in tcp:127.0.0.1:7430",
-        };
-        LiveError::Given(format!("cannot send lines of JSON at {address}: {error}; {fix}"))
+    let server = LineServer::start(address)?;
+    let (bound, shared, mailbox) = (server.address(), Arc::clone(shared), lines(shared));
+    let run = move || {
+        let sent = for_each_line(&shared, &mailbox, |line| {
+            shared.add_dropped(LINES, server.send(line));
+            Ok(())
+        });
+        shared.unsubscribe(&mailbox);
+        // Sending does not fail, and a frame is JSON.
+        debug_assert!(sent.is_ok());
     };
-    let addresses: Vec<SocketAddr> = address.to_socket_addrs().map_err(failed)?.collect();
-    if addresses.iter().any(|address| !address.ip().is_loopback()) {
-        let fix = "write tcp:127.0.0.1:PORT, and let other machines come through a tunnel: ssh -L PORT:127.0.0.1:PORT";
-        let message =
-            format!("{address} can be reached from other machines, and lines of JSON ask for no token: {fix}");
-        return Err(LiveError::Given(message));
+    Ok((bound, runtime::spawn("dermis-jsonl", run)))
+}
+
+/// The lines that wait for each reader.
+#[derive(Debug, Clone, Default)]
+struct Readers(Arc<Mutex<Vec<Arc<Mailbox<Arc<[u8]>>>>>>);
+
+impl Readers {
+    fn lock(&self) -> MutexGuard<'_, Vec<Arc<Mailbox<Arc<[u8]>>>>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
-    let listener = TcpListener::bind(addresses.as_slice()).map_err(failed)?;
-    let bound = listener.local_addr().map_err(failed)?;
-    listener.set_nonblocking(true).map_err(failed)?;
-    let shared = Arc::clone(shared);
-    let readers = Arc::new(());
-    let accept = move || {
-        while !shared.is_stopped() {
-            let Ok((stream, _)) = listener.accept() else {
-                std::thread::sleep(Duration::from_millis(20));
-                continue;
+}
+
+/// Sends lines to every program on this machine that connects, each on a thread of its own. A reader that is too slow loses the
+/// oldest lines, and one that reads nothing for ten seconds is disconnected.
+///
+/// ```
+/// use dermis_live::sinks::jsonl::LineServer;
+/// use std::io::{BufRead, BufReader};
+/// use std::net::TcpStream;
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let server = LineServer::start("127.0.0.1:0")?;
+/// let reader = BufReader::new(TcpStream::connect(server.address())?);
+/// while server.readers() == 0 {
+///     std::thread::yield_now();
+/// }
+/// server.send(b"a line\n");
+/// assert_eq!(reader.lines().next().transpose()?.as_deref(), Some("a line"));
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug)]
+pub struct LineServer {
+    address: SocketAddr,
+    readers: Readers,
+    is_stopped: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl LineServer {
+    /// Listens at `HOST:PORT`; port 0 is any free one.
+    ///
+    /// # Errors
+    /// An address that is in use, or that other machines can reach, because there is no authentication.
+    pub fn start(address: &str) -> Result<Self, LiveError> {
+        let failed = |error: std::io::Error| {
+            let fix = match error.kind() {
+                std::io::ErrorKind::AddrInUse => "another program listens there: take another port, or 0 for any",
+                std::io::ErrorKind::AddrNotAvailable => "that is no address of this machine",
+                _ => "write --jsonl tcp:HOST:PORT, as in tcp:127.0.0.1:7430",
             };
-            // A reader that reads nothing for this time is disconnected.
-            let ready = stream
-                .set_nonblocking(false)
-                .and_then(|()| stream.set_nodelay(true))
-                .and_then(|()| stream.set_write_timeout(Some(Duration::from_secs(10))));
-            // One count is of this thread.
-            if ready.is_ok() && Arc::strong_count(&readers) <= MAX_READERS {
-                let reader = Arc::clone(&readers);
-                let shared = Arc::clone(&shared);
-                // A reader that disconnects or is too slow is not an error.
-                let mailbox = lines(&shared);
-                std::thread::spawn(move || {
-                    // A reader that has gone, or does not read, ends the thread; nobody waits for the reason.
-                    let _ = write_lines(&shared, &mailbox, &mut BufWriter::new(stream));
-                    drop(reader);
-                });
-            }
+            LiveError::Given(format!("cannot send lines of JSON at {address}: {error}; {fix}"))
+        };
+        let addresses: Vec<SocketAddr> = address.to_socket_addrs().map_err(failed)?.collect();
+        if addresses.iter().any(|address| !address.ip().is_loopback()) {
+            let fix =
+                "write tcp:127.0.0.1:PORT, and let other machines come through a tunnel: ssh -L PORT:127.0.0.1:PORT";
+            let message =
+                format!("{address} can be reached from other machines, and lines of JSON ask for no token: {fix}");
+            return Err(LiveError::Given(message));
         }
-    };
-    let thread = std::thread::Builder::new().name("dermis-jsonl".into()).spawn(accept).map_err(failed)?;
-    Ok((bound, thread))
+        let listener = TcpListener::bind(addresses.as_slice()).map_err(failed)?;
+        let bound = listener.local_addr().map_err(failed)?;
+        listener.set_nonblocking(true).map_err(failed)?;
+        let (readers, is_stopped) = (Readers::default(), Arc::new(AtomicBool::new(false)));
+        let (known, stopped) = (readers.clone(), Arc::clone(&is_stopped));
+        let thread = runtime::spawn("dermis-lines", move || accept(&listener, &known, &stopped));
+        Ok(LineServer { address: bound, readers, is_stopped, thread: Some(thread) })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// The number of programs that are connected.
+    pub fn readers(&self) -> usize {
+        self.readers.lock().len()
+    }
+
+    /// Sends a line, which ends with a line break. Never blocks; returns the number of readers that lost an older line.
+    pub fn send(&self, line: &[u8]) -> u64 {
+        let readers = self.readers.lock();
+        let dropped = || readers.iter().map(|reader| reader.dropped()).sum::<u64>();
+        let (line, before): (Arc<[u8]>, u64) = (line.into(), dropped());
+        readers.iter().for_each(|reader| reader.put(Arc::clone(&line)));
+        dropped() - before
+    }
+}
+
+impl Drop for LineServer {
+    /// Readers get what waits for them, and the end.
+    fn drop(&mut self) {
+        self.is_stopped.store(true, Ordering::Relaxed);
+        // A thread that panicked has printed its message already.
+        self.thread.take().map(JoinHandle::join);
+        self.readers.lock().iter().for_each(|reader| reader.close());
+    }
+}
+
+/// Accepts readers until the server stops.
+fn accept(listener: &TcpListener, readers: &Readers, is_stopped: &AtomicBool) {
+    while !is_stopped.load(Ordering::Relaxed) {
+        let Ok((stream, _)) = listener.accept() else {
+            std::thread::sleep(Duration::from_millis(20));
+            continue;
+        };
+        let ready = stream
+            .set_nonblocking(false)
+            .and_then(|()| stream.set_nodelay(true))
+            .and_then(|()| stream.set_write_timeout(Some(PATIENCE)));
+        if ready.is_err() || readers.lock().len() >= MAX_READERS {
+            continue;
+        }
+        let (mailbox, known) = (Arc::new(Mailbox::new(WAITING)), readers.clone());
+        readers.lock().push(Arc::clone(&mailbox));
+        runtime::spawn("dermis-reader", move || {
+            let mut stream = stream;
+            loop {
+                match mailbox.take(Duration::from_secs(1)) {
+                    Popped::Item(line) if stream.write_all(&line).is_err() => break,
+                    Popped::Item(_) | Popped::TimedOut => {}
+                    Popped::Closed => break,
+                }
+            }
+            known.lock().retain(|reader| !Arc::ptr_eq(reader, &mailbox));
+        });
+    }
 }

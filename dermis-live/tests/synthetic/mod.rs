@@ -47,7 +47,11 @@ impl SyntheticSkin {
         let sound = ElectrodeHealth { state: ElectrodeState::Sound, contact_ohm: Some(120.0), noise: Some(1.0) };
         let electrodes = vec![sound; design.electrodes.len()];
         let health = Health { electrodes, noise: Some(1.0), rate_hz: RATE as f64, ..Health::default() };
-        SyntheticSkin { reference: Reference { frame_id: "skin".into(), space }, design, health: Arc::new(health) }
+        SyntheticSkin {
+            reference: Reference { frame_id: "skin".into(), name: "dermis".into(), space },
+            design,
+            health: Arc::new(health),
+        }
     }
 
     /// Frame `index`: two presses with varying force, the first of known force; some frames have none.

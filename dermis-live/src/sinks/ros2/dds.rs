@@ -90,34 +90,18 @@ fn is_local_only(variable: Option<&str>) -> bool {
     variable == Some("1")
 }
 
-/// Publishes frames: a node `dermis` with a publisher for each topic.
-///
-/// Frames, images, contacts and the wrench use the QoS of sensor data: best effort, the last five kept. Markers and
-/// diagnostics are reliable, as RViz and the diagnostic tools require. Contacts, wrench and validity have a deadline and a
-/// lease of liveliness. Nothing blocks: a thread of the middleware
-/// sends, and messages without room are dropped and counted.
-pub struct Publisher {
-    reference: Reference,
-    due: Due,
-    dropped: u64,
-    frames: Out<Image>,
-    images: Out<Image>,
-    contacts: Out<PointCloud2>,
-    wrenches: Out<WrenchStamped>,
-    markers: Out<MarkerArray>,
-    diagnostics: Out<DiagnosticArray>,
-    validity: Out<Text>,
-    // The publishers belong to the node, and the node to the context: both must live as long as the publishers.
-    _node: Node,
+/// A node `dermis` in a domain.
+pub(super) struct Host {
+    domain: u16,
+    namespace: String,
+    // The node belongs to the context, and publishers to the node: both must live as long as the publishers.
+    node: Node,
     _context: Context,
 }
 
-impl Publisher {
+impl Host {
     /// Joins the domain.
-    ///
-    /// # Errors
-    /// An invalid domain or namespace; a machine without a network; ports that are in use.
-    pub fn new(reference: Reference, options: &PublisherOptions) -> Result<Self, PublishError> {
+    pub(super) fn join(options: &PublisherOptions) -> Result<Self, PublishError> {
         let domain = options.domain()?;
         let start = |why: String| PublishError::Start { domain, why };
         let namespace = if options.namespace.is_empty() { "/" } else { options.namespace.as_str() };
@@ -130,22 +114,74 @@ impl Publisher {
         let participant = participant.build().map_err(|error| start(error.to_string()))?;
         let context = Context::from_domain_participant(participant).map_err(|error| start(error.to_string()))?;
         let quiet = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
-        let mut node = context.new_node(name, quiet).map_err(|error| start(format!("{error:?}")))?;
-        let namespace = options.namespace.as_str();
-        Ok(Publisher {
-            due: Due::default(),
-            dropped: 0,
-            frames: Out::new(&mut node, Topic::Frame, namespace, domain)?,
-            images: Out::new(&mut node, Topic::Image, namespace, domain)?,
-            contacts: Out::new(&mut node, Topic::Contacts, namespace, domain)?,
-            wrenches: Out::new(&mut node, Topic::Wrench, namespace, domain)?,
-            markers: Out::new(&mut node, Topic::Markers, namespace, domain)?,
-            diagnostics: Out::new(&mut node, Topic::Diagnostics, namespace, domain)?,
-            validity: Out::new(&mut node, Topic::Validity, namespace, domain)?,
-            reference,
-            _node: node,
-            _context: context,
-        })
+        let node = context.new_node(name, quiet).map_err(|error| start(format!("{error:?}")))?;
+        Ok(Host { domain, namespace: options.namespace.clone(), node, _context: context })
+    }
+
+    /// The namespace of its topics.
+    pub(super) fn namespace(&self) -> &str {
+        &self.namespace
+    }
+
+    /// A topic with a name and a quality of service.
+    fn topic<M: ros::Message>(
+        &mut self,
+        name: &str,
+        qos: &QosProfile,
+    ) -> Result<ros2_client::dds::rustdds::Topic, PublishError> {
+        let parsed = Name::parse(name)
+            .map_err(|error| PublishError::Namespace { given: self.namespace.clone(), why: error.to_string() })?;
+        let (package, message) = M::TYPE.split_once("/msg/").expect("every type names its package");
+        let topic = self.node.create_topic(&parsed, MessageTypeName::new(package, message), qos);
+        topic.map_err(|error| self.failed(&error))
+    }
+
+    /// A topic that is published.
+    pub(super) fn out<M: ros::Message + 'static>(
+        &mut self,
+        name: String,
+        qos: QosProfile,
+    ) -> Result<Out<M>, PublishError> {
+        let topic = self.topic::<M>(&name, &qos)?;
+        let publisher = self.node.create_publisher(&topic, Some(qos)).map_err(|error| self.failed(&error))?;
+        Ok(Out { name, publisher })
+    }
+
+    /// A topic that is received, at best effort.
+    pub(super) fn receive<M: ros::Message + 'static>(
+        &mut self,
+        name: &str,
+    ) -> Result<ros2_client::Subscription<M>, PublishError> {
+        let qos = newest(5).reliability_best_effort();
+        let topic = self.topic::<M>(name, &qos)?;
+        self.node.create_subscription(&topic, Some(qos)).map_err(|error| self.failed(&error))
+    }
+
+    fn failed(&self, error: &ros2_client::CreateError) -> PublishError {
+        PublishError::Start { domain: self.domain, why: error.to_string() }
+    }
+}
+
+/// Publishes frames: a node `dermis` with a publisher for each topic.
+///
+/// Frames, images, contacts and the wrench use the QoS of sensor data: best effort, the last five kept. Markers and
+/// diagnostics are reliable, as RViz and the diagnostic tools require. Contacts, wrench and validity have a deadline and a
+/// lease of liveliness. Nothing blocks: a thread of the middleware
+/// sends, and messages without room are dropped and counted.
+pub struct Publisher {
+    skin: SkinTopics,
+    _host: Host,
+}
+
+impl Publisher {
+    /// Joins the domain.
+    ///
+    /// # Errors
+    /// An invalid domain or namespace; a machine without a network; ports that are in use.
+    pub fn new(reference: Reference, options: &PublisherOptions) -> Result<Self, PublishError> {
+        let mut host = Host::join(options)?;
+        let names = |topic: Topic| topic.absolute(&options.namespace);
+        Ok(Publisher { skin: SkinTopics::new(reference, &mut host, names)?, _host: host })
     }
 
     /// Publishes a frame; of a stale one neither image nor values.
@@ -153,6 +189,52 @@ impl Publisher {
     /// # Errors
     /// A middleware that has stopped working; dropped messages are counted instead.
     pub fn frame(&mut self, frame: &LiveFrame) -> Result<(), PublishError> {
+        self.skin.frame(frame)
+    }
+
+    /// Messages that were dropped because a reliable peer was too slow.
+    pub fn dropped(&self) -> u64 {
+        self.skin.dropped
+    }
+}
+
+/// The topics of a skin.
+pub(super) struct SkinTopics {
+    reference: Reference,
+    due: Due,
+    dropped: u64,
+    frames: Out<Image>,
+    images: Out<Image>,
+    contacts: Out<PointCloud2>,
+    wrenches: Out<WrenchStamped>,
+    markers: Out<MarkerArray>,
+    diagnostics: Out<DiagnosticArray>,
+    validity: Out<Text>,
+}
+
+impl SkinTopics {
+    /// Its topics on a node; `name` is the name of each.
+    pub(super) fn new(
+        reference: Reference,
+        host: &mut Host,
+        name: impl Fn(Topic) -> String,
+    ) -> Result<Self, PublishError> {
+        Ok(SkinTopics {
+            due: Due::default(),
+            dropped: 0,
+            frames: host.out(name(Topic::Frame), quality(Topic::Frame))?,
+            images: host.out(name(Topic::Image), quality(Topic::Image))?,
+            contacts: host.out(name(Topic::Contacts), quality(Topic::Contacts))?,
+            wrenches: host.out(name(Topic::Wrench), quality(Topic::Wrench))?,
+            markers: host.out(name(Topic::Markers), quality(Topic::Markers))?,
+            diagnostics: host.out(name(Topic::Diagnostics), quality(Topic::Diagnostics))?,
+            validity: host.out(name(Topic::Validity), quality(Topic::Validity))?,
+            reference,
+        })
+    }
+
+    /// Publishes a frame; of a stale one neither image nor values.
+    pub(super) fn frame(&mut self, frame: &LiveFrame) -> Result<(), PublishError> {
         let reference = &self.reference;
         let is_stale = matches!(frame.result.validity, Validity::Stale { .. });
         let mut sent = vec![
@@ -175,33 +257,21 @@ impl Publisher {
         Ok(())
     }
 
-    /// Messages that were dropped because a reliable peer was too slow.
-    pub fn dropped(&self) -> u64 {
+    /// Messages that were dropped.
+    pub(super) fn dropped(&self) -> u64 {
         self.dropped
     }
 }
 
 /// A topic that is published.
-struct Out<M: ros::Message> {
+pub(super) struct Out<M: ros::Message> {
     name: String,
     publisher: ros2_client::Publisher<M>,
 }
 
 impl<M: ros::Message + 'static> Out<M> {
-    fn new(node: &mut Node, topic: Topic, namespace: &str, domain: u16) -> Result<Self, PublishError> {
-        let name = topic.absolute(namespace);
-        let parsed = Name::parse(&name)
-            .map_err(|error| PublishError::Namespace { given: namespace.to_owned(), why: error.to_string() })?;
-        let (package, message) = M::TYPE.split_once("/msg/").expect("every type names its package");
-        let start = |error: ros2_client::CreateError| PublishError::Start { domain, why: error.to_string() };
-        let qos = quality(topic);
-        let topic = node.create_topic(&parsed, MessageTypeName::new(package, message), &qos).map_err(start)?;
-        let publisher = node.create_publisher(&topic, Some(qos)).map_err(start)?;
-        Ok(Out { name, publisher })
-    }
-
     /// Sends a message; returns whether there was room for it.
-    fn send(&self, message: M) -> Result<bool, PublishError> {
+    pub(super) fn send(&self, message: M) -> Result<bool, PublishError> {
         match self.publisher.publish(message) {
             Ok(()) => Ok(true),
             Err(WriteError::WouldBlock { .. }) => Ok(false),
@@ -217,18 +287,27 @@ const DEADLINE: Duration = Duration::from_millis(250);
 /// Quality of service: sensor data (REP 2003), or reliable. Subscribers of contacts, wrench and validity can request a
 /// deadline and a lease of liveliness, and learn from the middleware that this program, its machine or the network has
 /// failed.
-fn quality(topic: Topic) -> QosProfile {
-    let depth = |depth| QosProfile { history: History::KeepLast { depth }, ..QosProfile::publisher_default() };
+pub(super) fn quality(topic: Topic) -> QosProfile {
     match topic {
-        Topic::Markers | Topic::Diagnostics => depth(10).reliability_reliable(WhenFull::Fail),
-        Topic::Contacts | Topic::Wrench | Topic::Validity => depth(5)
+        Topic::Markers | Topic::Diagnostics | Topic::Events => newest(10).reliability_reliable(WhenFull::Fail),
+        Topic::Contacts | Topic::Wrench | Topic::Validity => newest(5)
             .reliability_best_effort()
             .deadline(Some(DEADLINE))
             .liveliness(Liveliness::ManualByTopic)
             .liveliness_lease(Some(DEADLINE)),
-        _ => depth(5).reliability_best_effort(),
+        _ => newest(5).reliability_best_effort(),
     }
     .durability(Durability::Volatile)
+}
+
+/// The last messages are kept.
+fn newest(depth: usize) -> QosProfile {
+    QosProfile { history: History::KeepLast { depth }, ..QosProfile::publisher_default() }
+}
+
+/// The last message is kept for those that come later.
+pub(super) fn latched() -> QosProfile {
+    newest(1).reliability_reliable(WhenFull::Fail).durability(Durability::TransientLocal)
 }
 
 /// Events that can wait for the network.
@@ -243,7 +322,7 @@ const ROS2: &str = "ROS 2";
 pub fn publish(shared: &Arc<LiveHandle>, options: &PublisherOptions) -> Result<JoinHandle<()>, LiveError> {
     let skin = shared.skin();
     let frame_id = options.frame_id.clone().unwrap_or_else(|| skin.design().frame_id());
-    let reference = Reference { frame_id, space: Arc::clone(skin.pixels()) };
+    let reference = Reference::of(skin, frame_id);
     let given = |error: PublishError| LiveError::Given(error.to_string());
     let mut publisher = Publisher::new(reference, options).map_err(given)?;
     let shared = Arc::clone(shared);

@@ -110,7 +110,7 @@ fn word(state: ElectrodeState) -> &'static str {
 
 fn status(reference: &Reference, part: &str, level: u8, message: String, values: Vec<KeyValue>) -> DiagnosticStatus {
     let hardware_id = reference.frame_id.clone();
-    DiagnosticStatus { level, name: format!("dermis: {part}"), message, hardware_id, values }
+    DiagnosticStatus { level, name: format!("{}: {part}", reference.name), message, hardware_id, values }
 }
 
 fn value(key: &str, value: impl Display) -> KeyValue {

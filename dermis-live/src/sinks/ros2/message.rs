@@ -189,6 +189,41 @@ messages! {
         /// Orientation.
         orientation: Quaternion,
     }
+    /// The pose of a frame in another one.
+    #[derive(Copy)]
+    Transform = "geometry_msgs/msg/Transform" {
+        /// m.
+        translation: Vector3,
+        /// The rotation.
+        rotation: Quaternion,
+    }
+    /// The pose of the frame `child_frame_id` in that of the header.
+    TransformStamped = "geometry_msgs/msg/TransformStamped" {
+        /// Time and outer frame.
+        header: Header,
+        /// The inner frame.
+        child_frame_id: String,
+        /// Its pose.
+        transform: Transform,
+    }
+    /// Poses of frames.
+    TransformArray = "tf2_msgs/msg/TFMessage" {
+        /// A frame each.
+        transforms: Vec<TransformStamped>,
+    }
+    /// Positions of joints.
+    JointState = "sensor_msgs/msg/JointState" {
+        /// Time of measurement.
+        header: Header,
+        /// Names of the joints.
+        name: Vec<String>,
+        /// rad or m.
+        position: Vec<f64>,
+        /// rad/s or m/s; may be empty.
+        velocity: Vec<f64>,
+        /// N m or N; may be empty.
+        effort: Vec<f64>,
+    }
     /// A force and a torque.
     #[derive(Copy)]
     Wrench = "geometry_msgs/msg/Wrench" {
@@ -300,6 +335,12 @@ impl Pose {
     /// A position without rotation.
     pub(crate) fn at([x, y, z]: [f64; 3]) -> Self {
         Pose { position: Point { x, y, z }, orientation: Quaternion { w: 1.0, ..Quaternion::default() } }
+    }
+}
+
+impl From<[f64; 3]> for Vector3 {
+    fn from([x, y, z]: [f64; 3]) -> Self {
+        Vector3 { x, y, z }
     }
 }
 

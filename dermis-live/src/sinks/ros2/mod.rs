@@ -8,6 +8,8 @@ pub mod dds;
 mod diagnostics;
 mod markers;
 mod message;
+#[cfg(feature = "ros2")]
+pub mod robot;
 mod schema;
 mod topic;
 

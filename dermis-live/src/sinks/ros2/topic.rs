@@ -2,10 +2,11 @@
 
 use crate::LiveFrame;
 use crate::sinks::ros2::{DiagnosticArray, MarkerArray, Text, UInt8MultiArray};
-use crate::sinks::ros2::{Header, Image, Message, PointCloud2, PointField, Time, Vector3, Wrench, WrenchStamped};
+use crate::sinks::ros2::{Header, Image, Message, PointCloud2, PointField, Time, Wrench, WrenchStamped};
 use dermis::contact::{Contact, Field, FieldKind};
 use dermis::image::PixelSpace;
 use dermis::pipeline::{Timestamp, TrackedContact};
+use dermis::skin::Skin;
 use std::sync::{Arc, LazyLock};
 
 /// A topic; its value is its index in [`Topic::all`].
@@ -64,6 +65,12 @@ impl Topic {
         format!("{namespace}/{}", self.name())
     }
 
+    /// Its absolute name for one of the skins of a robot: `/dermis/forearm/contacts`.
+    #[cfg(feature = "ros2")]
+    pub(crate) fn of_skin(self, namespace: &str, skin: &str) -> String {
+        self.absolute(namespace).replace("/dermis/", &format!("/dermis/{skin}/"))
+    }
+
     /// The type of its messages.
     pub(crate) fn type_name(self) -> &'static str {
         TOPICS[self as usize].2
@@ -75,11 +82,18 @@ impl Topic {
 pub struct Reference {
     /// Name of the frame of reference: that of the body in the design.
     pub frame_id: String,
+    /// Name in diagnostics: `dermis`, or `dermis SKIN` of a skin of a robot.
+    pub name: String,
     /// The pixels of the image.
     pub space: Arc<PixelSpace>,
 }
 
 impl Reference {
+    /// That of a skin.
+    pub fn of(skin: &Skin, frame_id: String) -> Self {
+        Reference { frame_id, name: "dermis".into(), space: Arc::clone(skin.pixels()) }
+    }
+
     /// The header of a measurement at `moment`.
     pub(crate) fn header(&self, moment: Timestamp) -> Header {
         Header { stamp: Time::from(moment), frame_id: self.frame_id.clone() }
@@ -207,29 +221,42 @@ pub fn validity(live: &LiveFrame) -> Text {
 
 /// The contacts as points, the oldest first.
 pub fn contacts(reference: &Reference, live: &LiveFrame) -> PointCloud2 {
+    cloud(reference.header(live.result.measured_at), live.result.contacts.iter().map(|tracked| (tracked, [])), [])
+}
+
+/// Contacts as points, with further whole numbers.
+pub(super) fn cloud<'a, const N: usize>(
+    header: Header,
+    contacts: impl Iterator<Item = (&'a TrackedContact, [u32; N])>,
+    further: [&str; N],
+) -> PointCloud2 {
     const FIELD_BYTES: usize = 4;
     const FLOAT32: u8 = 7;
     const UINT32: u8 = 6;
-    let field = |(index, column): (usize, &ContactColumn)| PointField {
-        name: column.ros.into(),
+    let columns = CONTACT_COLUMNS.iter().map(|column| (column.ros, column.is_count));
+    let field = |(index, (name, is_count)): (usize, (&str, bool))| PointField {
+        name: name.into(),
         offset: (index * FIELD_BYTES) as u32,
-        datatype: if column.is_count { UINT32 } else { FLOAT32 },
+        datatype: if is_count { UINT32 } else { FLOAT32 },
         count: 1,
     };
-    let mut data = Vec::new();
-    for tracked in &live.result.contacts {
+    let fields: Vec<PointField> = columns.chain(further.map(|name| (name, true))).enumerate().map(field).collect();
+    let (mut data, mut width) = (Vec::new(), 0);
+    for (tracked, numbers) in contacts {
+        width += 1;
         data.extend(CONTACT_COLUMNS.iter().flat_map(|column| match (column.number)(tracked) {
             count if column.is_count => (count as u64 as u32).to_le_bytes(),
             number => (number as f32).to_le_bytes(),
         }));
+        data.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
     }
     PointCloud2 {
-        header: reference.header(live.result.measured_at),
+        header,
         height: 1,
-        width: live.result.contacts.len() as u32,
-        fields: CONTACT_COLUMNS.iter().enumerate().map(field).collect(),
+        width,
         is_bigendian: false,
-        point_step: (CONTACT_COLUMNS.len() * FIELD_BYTES) as u32,
+        point_step: (fields.len() * FIELD_BYTES) as u32,
+        fields,
         row_step: data.len() as u32,
         data,
         is_dense: true,
@@ -254,8 +281,7 @@ pub fn wrench(reference: &Reference, live: &LiveFrame) -> WrenchStamped {
             torque_nm[axis] += turn[axis];
         }
     }
-    let vector = |[x, y, z]: [f64; 3]| Vector3 { x, y, z };
-    let wrench = Wrench { force: vector(force_n), torque: vector(torque_nm) };
+    let wrench = Wrench { force: force_n.into(), torque: torque_nm.into() };
     WrenchStamped { header: reference.header(live.result.measured_at), wrench }
 }
 
