@@ -9,5 +9,6 @@ pub mod emulator;
 mod error;
 pub mod firmware;
 pub mod offline;
+pub mod robot;
 
 pub use error::EmulateError;

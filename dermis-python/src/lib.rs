@@ -48,7 +48,7 @@ mod _dermis {
     #[pymodule_export]
     use super::pipeline::{Frame, Live, Pipeline, Replay};
     #[pymodule_export]
-    use super::robot::Robot;
+    use super::robot::{Robot, RobotLive};
     #[pymodule_export]
     use super::samples::{Dataset, Samples};
     #[pymodule_export]

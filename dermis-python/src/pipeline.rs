@@ -6,6 +6,7 @@ use crate::failure::{Failure, Outcome};
 use crate::method::method_name;
 use crate::skin::Skin;
 use crate::worker;
+use dermis::design::SkinDesign;
 use dermis::method::MethodSet;
 use dermis::pipeline::{
     self, Command, FrameInput, Notice, PipelineError, PipelineFrame, Settings, Timestamp, Validity,
@@ -204,7 +205,26 @@ pub struct Live {
     source: String,
     threads: Threads,
     mailbox: Arc<Mailbox<Event>>,
-    notices: Mutex<VecDeque<String>>,
+    notices: Notices,
+}
+
+/// Messages that wait for `notices`: the newest.
+#[derive(Default)]
+pub struct Notices(Mutex<VecDeque<String>>);
+
+impl Notices {
+    /// Another message.
+    pub fn add(&self, text: String) {
+        let mut notices = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        notices.push_back(text);
+        let excess = notices.len().saturating_sub(MAX_NOTICES);
+        notices.drain(..excess);
+    }
+
+    /// The messages since the last call.
+    pub fn take(&self) -> Vec<String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).drain(..).collect()
+    }
 }
 
 /// The threads of a live skin and of its simulated device, which end with it.
@@ -275,7 +295,9 @@ impl Live {
                 return Ok(threads);
             }
             let address = match source {
-                "emulate" => threads.emulator.insert(emulator(&skin, twin, seed, touch, speed)?).serve_locally()?,
+                "emulate" => {
+                    threads.emulator.insert(emulator(skin.design(), twin, seed, touch, speed)?).serve_locally()?
+                }
                 source => Address::parse(source)?,
             };
             let method = method.unwrap_or_default();
@@ -292,7 +314,7 @@ impl Live {
             live.begin();
             mailbox
         };
-        Ok(Live { skin, source: source.into(), threads, mailbox, notices: Mutex::default() })
+        Ok(Live { skin, source: source.into(), threads, mailbox, notices: Notices::default() })
     }
 
     fn __iter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
@@ -310,8 +332,8 @@ impl Live {
                     let LiveFrame { result, .. } = &*frame;
                     return Ok(Some(Frame { skin: self.skin.clone(), frame: result.clone() }));
                 }
-                Popped::Item(Event::Notice(Notice { text, .. })) => self.note(text),
-                Popped::Item(Event::Lost(why)) => self.note(why),
+                Popped::Item(Event::Notice(Notice { text, .. })) => self.notices.add(text),
+                Popped::Item(Event::Lost(why)) => self.notices.add(why),
                 Popped::Item(_) | Popped::TimedOut => {}
                 Popped::Closed => {
                     let live = self.threads.live();
@@ -330,7 +352,7 @@ impl Live {
 
     /// The messages since the last call: faults, parts that came back, a lost device.
     fn notices(&self) -> Vec<String> {
-        self.notices.lock().unwrap_or_else(PoisonError::into_inner).drain(..).collect()
+        self.notices.take()
     }
 
     /// Stops reading.
@@ -359,21 +381,12 @@ impl Drop for Live {
     }
 }
 
-impl Live {
-    fn note(&self, text: String) {
-        let mut notices = self.notices.lock().unwrap_or_else(PoisonError::into_inner);
-        notices.push_back(text);
-        let excess = notices.len().saturating_sub(MAX_NOTICES);
-        notices.drain(..excess);
-    }
-}
-
 /// A simulated device.
-fn emulator(skin: &skin::Skin, twin: &str, seed: u64, touch: &str, speed: f64) -> Outcome<Arc<Emulator>> {
+pub fn emulator(design: &SkinDesign, twin: &str, seed: u64, touch: &str, speed: f64) -> Outcome<Arc<Emulator>> {
     let twin = TwinOptions::load(twin)?;
-    let script = Script::load(touch, skin.design(), &twin, seed)?;
+    let script = Script::load(touch, design, &twin, seed)?;
     let options = EmulatorOptions { script, twin, seed, faults: Vec::new(), speed, prerendered: 0, unpaced: false };
-    Ok(Emulator::new(skin.design(), options)?)
+    Ok(Emulator::new(design, options)?)
 }
 
 #[doc = stub_doc!(Replay)]

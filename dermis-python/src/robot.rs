@@ -2,10 +2,15 @@
 
 use crate::arrays;
 use crate::failure::{Failure, Outcome};
-use crate::pipeline::Frame;
+use crate::pipeline::{Frame, Notices, emulator};
+use crate::worker;
 use dermis::pipeline::Timestamp;
+use dermis_calibrate::Calibration;
+use dermis_emulate::robot::{RobotDevices, SWING_EVERY};
 use dermis_live::clock;
+use dermis_live::robot::{self as live, RobotOptions, RobotOutput};
 use dermis_robot::{Kinematics, Posture, RobotState};
+use dermis_sim::twin::TwinOptions;
 use pyo3::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -148,9 +153,164 @@ impl Robot {
         arrays::rows(py, jacobian.values, &[6, jacobian.columns], true)
     }
 
+    #[doc = stub_doc!(Robot.live)]
+    #[pyo3(signature = (*, emulate=false, rate_hz=50.0, record=None, twin="lab", touch="none"))]
+    fn live(
+        &self,
+        py: Python<'_>,
+        emulate: bool,
+        rate_hz: f64,
+        record: Option<PathBuf>,
+        twin: &str,
+        touch: &str,
+    ) -> Outcome<RobotLive> {
+        if !(0.1..=1000.0).contains(&rate_hz) {
+            return Err(Failure::given(format!("`rate_hz` is {rate_hz}: give 0.1 to 1000 snapshots a second")));
+        }
+        let how = RobotOptions { rate_hz, record, frames: false };
+        let is_noise_free = TwinOptions::load(twin)?.electronics.snr_db.is_none();
+        let live = worker::run(py, "preparing the skins", 1, |_| {
+            let mut devices = RobotDevices::new(emulate);
+            let live = live::RobotLive::start(&self.robot, &dermis_learn::methods(), &how, |skin| {
+                let method = self.robot.skins()[skin].method.as_deref().unwrap_or_default();
+                let force_tare = Calibration::is_named(method) || emulate && is_noise_free;
+                devices.options(&self.robot, skin, force_tare, |design, serial| {
+                    emulator(design, twin, u64::from(serial), touch, 1.0)
+                })
+            })?;
+            Ok::<_, Failure>(Running { live, devices })
+        })?;
+        let name = self.robot.name().to_string();
+        Ok(RobotLive {
+            running: Mutex::new(Some(live)),
+            notices: Notices::default(),
+            name,
+            process: std::process::id(),
+        })
+    }
+
     fn __repr__(&self) -> String {
         let skins: Vec<&str> = self.robot.skins().iter().map(|skin| skin.name.as_str()).collect();
         format!("<dermis.Robot {}: {}>", self.robot.name(), skins.join(", "))
+    }
+}
+
+/// A robot whose skins are read, and the simulated ones of its devices.
+struct Running {
+    live: live::RobotLive,
+    devices: RobotDevices,
+}
+
+#[doc = stub_doc!(RobotLive)]
+#[pyclass(frozen, module = "dermis")]
+pub struct RobotLive {
+    running: Mutex<Option<Running>>,
+    notices: Notices,
+    name: String,
+    /// The process that has its threads: a forked child has none.
+    process: u32,
+}
+
+impl RobotLive {
+    /// Works with it, unless it has stopped.
+    fn with<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut Running) -> T + Send) -> Outcome<Option<T>> {
+        if self.process != std::process::id() {
+            return Err(Failure::with_hint("this robot is read by another process", "open one in this process"));
+        }
+        Ok(py.detach(|| {
+            let mut running = self.running.lock().unwrap_or_else(PoisonError::into_inner);
+            running.as_mut().map(work)
+        }))
+    }
+}
+
+#[pymethods]
+impl RobotLive {
+    fn __iter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __next__<'py>(&self, py: Python<'py>) -> Outcome<Option<Bound<'py, PyAny>>> {
+        loop {
+            py.check_signals()?;
+            let next = self.with(py, |running| {
+                running.devices.swing(&mut running.live);
+                running.live.next(SWING_EVERY)
+            })?;
+            match next {
+                None => return Ok(None),
+                Some(Some(RobotOutput::Notice { skin, notice })) => {
+                    let whose = skin.map(|skin| format!("{skin}: ")).unwrap_or_default();
+                    self.notices.add(format!("{whose}{}", notice.text));
+                }
+                Some(None | Some(RobotOutput::Frame(..))) => {}
+                Some(Some(output)) => return Ok(Some(loads(py, &output)?)),
+            }
+        }
+    }
+
+    #[doc = stub_doc!(RobotLive.joints)]
+    #[pyo3(signature = (positions, time_s=None))]
+    fn joints(&self, py: Python<'_>, positions: BTreeMap<String, f64>, time_s: Option<f64>) -> Outcome<()> {
+        let given: Vec<(&str, f64)> = positions.iter().map(|(name, position)| (name.as_str(), *position)).collect();
+        let at = time(time_s)?;
+        let taken = self.with(py, |running| running.live.joints(at, &given))?;
+        taken.unwrap_or(Ok(())).map_err(Failure::given)
+    }
+
+    #[doc = stub_doc!(RobotLive.tare)]
+    #[pyo3(signature = (skin=None))]
+    fn tare(&self, py: Python<'_>, skin: Option<&str>) -> Outcome<()> {
+        let known = self.with(py, |running| {
+            let is_known = skin.is_none_or(|skin| running.live.state().robot().skin(skin).is_some());
+            running.live.tare(skin);
+            is_known
+        })?;
+        match (known, skin) {
+            (Some(false), Some(skin)) => Err(Failure::given(format!("the robot has no skin `{skin}`"))),
+            _ => Ok(()),
+        }
+    }
+
+    /// The messages since the last call: faults, skins that came back, swapped cables.
+    fn notices(&self) -> Vec<String> {
+        self.notices.take()
+    }
+
+    #[doc = stub_doc!(RobotLive.stop)]
+    fn stop(&self, py: Python<'_>) -> Outcome<()> {
+        if self.process != std::process::id() {
+            return Ok(());
+        }
+        let running = self.running.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let incomplete = py.detach(|| running.and_then(|running| running.live.stop()));
+        incomplete.map_or(Ok(()), |why| Err(Failure::given(format!("the recording is not complete: {why}"))))
+    }
+
+    fn __enter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    #[pyo3(signature = (*_exception))]
+    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, pyo3::types::PyTuple>) -> Outcome<()> {
+        self.stop(py)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<dermis.RobotLive {}>", self.name)
+    }
+}
+
+impl Drop for RobotLive {
+    fn drop(&mut self) {
+        let running = self.running.get_mut().unwrap_or_else(PoisonError::into_inner).take();
+        if self.process == std::process::id() {
+            // Other threads of the interpreter go on while those of the skins end.
+            Python::attach(|py| py.detach(|| running.map(|running| running.live.stop())));
+        } else {
+            // Threads that do not exist here cannot be joined.
+            std::mem::forget(running);
+        }
     }
 }
 

@@ -4,10 +4,18 @@ import importlib.util
 import re
 from pathlib import Path
 
+import dermis
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGES = ["README.md", "docs/python.md", "docs/scale-out.md", "docs/from-pyeit-and-eidors.md", "dermis-python/README.md"]
+PAGES = [
+    "README.md",
+    "docs/python.md",
+    "docs/scale-out.md",
+    "docs/from-pyeit-and-eidors.md",
+    "docs/robot.md",
+    "dermis-python/README.md",
+]
 BLOCK = re.compile(r"(?:<!-- needs: (?P<needs>\w+) -->\n)?```python\n(?P<code>.*?)```", re.DOTALL)
 
 
@@ -17,6 +25,8 @@ def test_examples_run(page, tmp_path, monkeypatch):
     blocks = list(BLOCK.finditer(text))
     assert blocks, f"{page} has no example"
     monkeypatch.chdir(tmp_path)
+    if "arm.toml" in text:
+        dermis.commands.new("robot", output="arm.toml")
     names = {}
     for block in blocks:
         needs = block["needs"]

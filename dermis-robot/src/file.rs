@@ -77,6 +77,8 @@ pub struct Rule {
     pub unknown: OnUnknown,
     /// How long it must not hold before it ends, s.
     pub clear_s: f64,
+    /// Whether contacts with other skins of the robot do not count.
+    pub ignores_self: bool,
 }
 
 /// When a rule holds.
@@ -154,6 +156,17 @@ struct RuleTable {
     unknown: OnUnknown,
     #[serde(default = "default_clear_s")]
     clear_s: Spanned<f64>,
+    #[serde(default, rename = "self")]
+    self_touch: SelfTouch,
+}
+
+/// What a contact with another skin of the robot is to a rule.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum SelfTouch {
+    #[default]
+    Count,
+    Ignore,
 }
 
 fn yes() -> bool {
@@ -491,7 +504,7 @@ impl Reader<'_> {
     }
 
     fn rule(&self, table: &Spanned<RuleTable>, skins: &[WornSkin]) -> Result<Rule, DesignError> {
-        let RuleTable { name, on, when, unknown, clear_s } = table.get_ref();
+        let RuleTable { name, on, when, unknown, clear_s, self_touch } = table.get_ref();
         let mut chosen: Vec<usize> = Vec::new();
         for pattern in on {
             let found = skins.iter().enumerate().filter(|(_, skin)| matches(pattern.get_ref(), &skin.name));
@@ -527,6 +540,7 @@ impl Reader<'_> {
             when: *when.get_ref(),
             unknown: *unknown,
             clear_s: self.within(clear_s, "clear_s", 0.0..=60.0)?,
+            ignores_self: *self_touch == SelfTouch::Ignore,
         })
     }
 }

@@ -3,7 +3,7 @@
 use crate::file::Robot;
 use crate::pose::Pose;
 use dermis::contact::Contact;
-use dermis::geom::vector::{add, distance, dot, norm, scale};
+use dermis::geom::vector::{add, distance, dot, norm, scale, sub};
 use dermis::pipeline::TrackedContact;
 use std::collections::BTreeMap;
 
@@ -13,6 +13,11 @@ pub const SEAM_M: f64 = 0.015;
 const SDS: f64 = 2.0;
 /// Cosine of the largest angle of two skins at their seam: beyond it they are the two faces of a plate.
 const FACES: f64 = -0.5;
+/// Cosine of the smallest angle of the normals of two skins that touch each other.
+const OPPOSED: f64 = -0.7;
+/// Largest distance of two skins that touch each other, across them, m: their foams are pressed, and they are mounted to some
+/// millimetres.
+const FACES_M: f64 = 0.01;
 
 /// A contact of a skin: the skin by index, and the contact's id there.
 pub(crate) type Key = (usize, u64);
@@ -107,6 +112,11 @@ impl Seams {
         pairs
     }
 
+    /// Whether two skins are fixed to each other.
+    pub(crate) fn are_fixed(&self, a: usize, b: usize) -> bool {
+        self.pairs.iter().any(|(first, second, _)| (*first, *second) == (a.min(b), a.max(b)))
+    }
+
     /// The contacts of each touch, the oldest first.
     pub(crate) fn touches(&self) -> &[Vec<Key>] {
         &self.touches
@@ -171,19 +181,36 @@ impl Seams {
     }
 }
 
+/// Whether two contacts, in one frame, are where their skins touch each other.
+pub(crate) fn are_faces(a: &Contact, b: &Contact) -> bool {
+    let apart = sub(b.position_m, a.position_m);
+    let across_m = dot(apart, a.normal);
+    let along_m = norm(sub(apart, scale(a.normal, across_m)));
+    across_m.abs() <= FACES_M && along_m <= offset_m(a, b) && dot(a.normal, b.normal) < OPPOSED
+}
+
+/// How far two contacts may be apart along a surface and be at one place, m: by their extent and deviations.
+fn offset_m(a: &Contact, b: &Contact) -> f64 {
+    extent_m(a).max(extent_m(b)) + SDS * known(a.sd_m).hypot(known(b.sd_m))
+}
+
+/// The extent of a contact; of one without a form the radius of the disc of its area.
+fn extent_m(contact: &Contact) -> f64 {
+    let disc_m = (known(contact.area_m2) / std::f64::consts::PI).sqrt();
+    let form_m = contact.half_length_m.max(contact.half_width_m);
+    if form_m.is_finite() { form_m } else { disc_m }
+}
+
+fn known(value: f64) -> f64 {
+    if value.is_finite() { value } else { 0.0 }
+}
+
 /// The distance of two contacts that are one touch over a seam, m; `pose` is that of the second's frame in the first's.
 fn are_one(a: &Contact, b: &Contact, pose: &Pose, is_new: bool) -> Option<f64> {
-    let known = |value: f64| if value.is_finite() { value } else { 0.0 };
-    // Of a contact without a form the disc of its area.
-    let extent = |contact: &Contact| {
-        let disc_m = (known(contact.area_m2) / std::f64::consts::PI).sqrt();
-        let form_m = contact.half_length_m.max(contact.half_width_m);
-        if form_m.is_finite() { form_m } else { disc_m }
-    };
-    let reaches = |contact: &Contact| contact.edge_m <= extent(contact) + SDS * known(contact.sd_m);
+    let reaches = |contact: &Contact| contact.edge_m <= extent_m(contact) + SDS * known(contact.sd_m);
     let is_at_edge = if is_new { reaches(a) && reaches(b) } else { reaches(a) || reaches(b) };
     let apart_m = distance(a.position_m, pose.point(b.position_m));
-    let along_m = extent(a).max(extent(b)) + SDS * known(a.sd_m).hypot(known(b.sd_m));
+    let along_m = offset_m(a, b);
     let is_opposite = apart_m <= (a.edge_m + b.edge_m + SEAM_M).hypot(along_m);
     let meets = dot(a.normal, pose.vector(b.normal)) > FACES;
     (is_at_edge && is_opposite && meets).then_some(apart_m)

@@ -120,6 +120,8 @@ pub struct RobotContact {
     /// The contact.
     #[serde(flatten)]
     pub contact: TrackedContact,
+    /// The other link of the robot that it touches, as that link's skin tells; `null` if none tells so.
+    pub self_link: Option<String>,
     /// The contacts of skins that it is made of: several if it lies over a seam. The first is the oldest.
     pub parts: Vec<ContactPart>,
     /// Position in the link's frame, m.

@@ -1,16 +1,18 @@
 //! A robot from frame to frame.
 
-use crate::file::{OnUnknown, Robot, When};
+use crate::file::{OnUnknown, Robot, Rule, When};
 use crate::joints::{JointHistory, JointsAt};
 use crate::kinematics::Posture;
 use crate::pose::Pose;
-use crate::seam::{Key, Seams};
+use crate::seam::{Key, Seams, are_faces};
 use crate::snapshot::{
     Cause, ContactPart, EventKind, JointTorque, RobotContact, RuleEvent, SkinSnapshot, Snapshot, UnknownReason, Zone,
 };
 use crate::wrench::Wrench;
+use dermis::contact::Contact;
 use dermis::geom::vector::norm;
 use dermis::pipeline::{PipelineFrame, Timestamp, TrackedContact, Validity};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// A robot from frame to frame: the newest frame of each skin, joint states, rules. It has no clock, no threads and no input or
@@ -22,6 +24,8 @@ pub struct RobotState {
     skins: Vec<SkinState>,
     rules: Vec<RuleState>,
     seams: Seams,
+    /// Contacts that touch another skin of the robot, by its index.
+    self_touches: BTreeMap<Key, usize>,
 }
 
 /// What is known of a skin.
@@ -64,10 +68,11 @@ impl RobotState {
     pub fn new(robot: Arc<Robot>) -> Self {
         let absent = || SkinState { frame: None, fault: Some(UnknownReason::Absent) };
         let skins = robot.skins().iter().map(|_| absent()).collect();
-        let rule = |rule: &crate::file::Rule| RuleState { held: vec![false; rule.skins.len()], ..RuleState::default() };
+        let rule = |rule: &Rule| RuleState { held: vec![false; rule.skins.len()], ..RuleState::default() };
         let rules = robot.rules().iter().map(rule).collect();
         let seams = Seams::new(&robot);
-        RobotState { robot, joints: JointHistory::default(), skins, rules, seams }
+        let self_touches = BTreeMap::new();
+        RobotState { robot, joints: JointHistory::default(), skins, rules, seams, self_touches }
     }
 
     /// The robot.
@@ -170,13 +175,18 @@ impl RobotState {
     }
 
     /// What a skin says to a condition.
-    fn says(&self, skin: usize, when: When, now: Timestamp) -> Says {
+    fn says(&self, skin: usize, rule: &Rule, now: Timestamp) -> Says {
         let zone = self.zone(skin, now);
-        let contacts = self.skins[skin].frame.as_ref().map_or(&[][..], |frame| frame.contacts.as_slice());
+        let all = self.contacts(skin, now);
+        let counts = |tracked: &&TrackedContact| {
+            !rule.ignores_self || !self.self_touches.contains_key(&(skin, tracked.contact.id))
+        };
+        let contacts: Vec<&TrackedContact> = all.iter().filter(counts).collect();
         let holds = |holds: bool| if holds { Says::Holds } else { Says::Clear };
-        match (zone, when) {
+        match (zone, rule.when) {
             (Zone::Unknown { reason }, _) => Says::Unknown(Some(reason)),
-            (zone, When::Touched) => holds(zone == Zone::Touched),
+            // A touch without a contact may be of the world.
+            (zone, When::Touched) => holds(zone == Zone::Touched && (all.is_empty() || !contacts.is_empty())),
             (_, When::Contact) => holds(!contacts.is_empty()),
             (_, When::ForceN(force_n)) => {
                 let mut forces = contacts.iter().map(|tracked| tracked.contact.force_n);
@@ -199,18 +209,51 @@ impl RobotState {
         }
     }
 
+    /// Finds the contacts of skins on links that move against each other, which lie face to face.
+    fn find_self_touches(&self, now: Timestamp) -> BTreeMap<Key, usize> {
+        let touched: Vec<usize> = (0..self.skins.len()).filter(|&skin| !self.contacts(skin, now).is_empty()).collect();
+        let mut found = BTreeMap::new();
+        for (place, &a) in touched.iter().enumerate() {
+            for &b in touched[place + 1..].iter().filter(|&&b| !self.seams.are_fixed(a, b)) {
+                for first in self.in_base(a, now) {
+                    for second in self.in_base(b, now).iter().filter(|second| are_faces(&first, second)) {
+                        found.insert((a, first.id), b);
+                        found.insert((b, second.id), a);
+                    }
+                }
+            }
+        }
+        found
+    }
+
+    /// The contacts of a skin in the frame of the base; none if its pose is unknown.
+    fn in_base(&self, skin: usize, now: Timestamp) -> Vec<Contact> {
+        let worn = &self.robot.skins()[skin];
+        let pose = self.skins[skin].frame.as_deref().and_then(|frame| {
+            let (_, posture) = self.posture(frame)?;
+            Some(posture.pose(self.robot.base_index(), worn.link_index)?.after(&worn.origin))
+        });
+        let moved = |tracked: &TrackedContact| {
+            let (pose, contact) = (pose?, tracked.contact);
+            let (position_m, normal) = (pose.point(contact.position_m), pose.vector(contact.normal));
+            Some(Contact { position_m, normal, ..contact })
+        };
+        self.contacts(skin, now).iter().filter_map(moved).collect()
+    }
+
     /// Follows touches over seams, and finds the rules that begin or end.
     fn apply_rules(&mut self, measured_at: Timestamp, now: Timestamp) -> Vec<RuleEvent> {
         let mut events = Vec::new();
         let mut seams = std::mem::take(&mut self.seams);
         seams.update(&(0..self.skins.len()).map(|skin| self.contacts(skin, now)).collect::<Vec<_>>());
         self.seams = seams;
+        self.self_touches = self.find_self_touches(now);
         let robot = Arc::clone(&self.robot);
         for (index, rule) in robot.rules().iter().enumerate() {
             let mut cause: Option<Cause> = None;
             for (place, &skin) in rule.skins.iter().enumerate() {
                 let name = || robot.skins()[skin].name.clone();
-                let says = self.says(skin, rule.when, now);
+                let says = self.says(skin, rule, now);
                 let held = &mut self.rules[index].held[place];
                 let found = match (says, rule.unknown) {
                     (Says::Holds, _) => Some(Cause::Touched { skin: name() }),
@@ -366,6 +409,9 @@ impl RobotState {
             normal_base: pose.map(|pose| pose.vector(normal_link)),
             sd_base_m: moved_m.filter(|_| contact.sd_m.is_finite()).map(|moved_m| contact.sd_m.hypot(moved_m)),
             pose_base: pose.map(|pose| pose.after(&worn.origin)),
+            self_link: touch
+                .iter()
+                .find_map(|key| self.self_touches.get(key).map(|&other| self.robot.skins()[other].link.clone())),
             parts: parts.iter().map(part).collect(),
             contact: tracked,
         })

@@ -413,6 +413,39 @@ fn two_fingers_at_a_seam_are_two_and_their_ids_are_never_used_again() {
     assert_eq!(take(20, &[part(2, 0.002, 0.098, 0.06, 2.0)], &[part(1, 0.002, 0.002, 0.06, 2.0)]), [2]);
     assert_eq!(take(30, &[part(2, 0.03, 0.07, 0.06, 2.0)], &[part(1, 0.03, 0.03, 0.06, 2.0)]), [2, 4]);
     // A skin that is unknown has no contacts; it comes back with another one.
-    assert_eq!(take(40, &[], &[part(1, 0.03, 0.03, 0.06, 2.0)]), [2]);
-    assert_eq!(take(50, &[part(2, 0.03, 0.07, 0.06, 2.0)], &[part(1, 0.03, 0.03, 0.06, 2.0)]), [2, 5]);
+    assert_eq!(take(40, &[], &[part(1, 0.03, 0.03, 0.06, 2.0)]), [4]);
+    assert_eq!(take(50, &[part(2, 0.03, 0.07, 0.06, 2.0)], &[part(1, 0.03, 0.03, 0.06, 2.0)]), [4, 5]);
+}
+
+#[test]
+fn a_robot_that_touches_itself_says_so_and_rules_can_ignore_it() {
+    let ignoring = ROBOT.replace("name = \"look\"\n", "name = \"look\"\nself = \"ignore\"\n");
+    let mut state = RobotState::new(Arc::new(load(&ignoring).unwrap()));
+    let contact = |id: u64, position_m: [f64; 3], normal: [f64; 3]| Contact {
+        id,
+        half_length_m: 0.01,
+        half_width_m: 0.01,
+        sd_m: 0.001,
+        ..Contact::truth(position_m, normal, 2.0)
+    };
+    // The frame of `lower` is turned: its contact lies at x = 0.41 m and looks along x, that of `upper` 2 mm before it, against it.
+    let lower = contact(1, [0.0, 0.0, 0.01], [0.0, 0.0, 1.0]);
+    let mut seen = |ms: u64, upper: Contact| {
+        state.joints(at(ms), &[("shoulder", 0.0), ("elbow", 0.0)]).unwrap();
+        state.frame(0, &frame(ms, &[upper]), at(ms));
+        state.frame(1, &frame(ms, &[lower]), at(ms));
+        let snapshot = state.snapshot(at(ms));
+        let links: Vec<Option<String>> = snapshot.contacts.iter().map(|contact| contact.self_link.clone()).collect();
+        (links, snapshot.rules.contains_key("look"))
+    };
+    let own = |links: [&str; 2]| links.map(|link| Some(link.to_string())).to_vec();
+    assert_eq!(seen(0, contact(1, [0.412, 0.0, 0.005], [-1.0, 0.0, 0.0])), (own(["lower", "upper"]), false));
+    // Something between them, beside it, or two faces that look the same way.
+    for (ms, place, normal) in [
+        (10, [0.44, 0.0, 0.0], [-1.0, 0.0, 0.0]),
+        (20, [0.412, 0.03, 0.0], [-1.0, 0.0, 0.0]),
+        (30, [0.412, 0.0, 0.0], [1.0, 0.0, 0.0]),
+    ] {
+        assert_eq!(seen(ms, contact(1, place, normal)), (vec![None, None], true), "{ms}");
+    }
 }

@@ -8,12 +8,10 @@ use crate::range::number;
 use crate::sinks::{Lines, RobotPublisher, Ros2Arguments, lines};
 use crate::source::PageArguments;
 use clap::{Args, Subcommand};
-use dermis::design::SkinDesign;
-use dermis::pipeline::{Notice, Settings, Severity};
+use dermis::pipeline::{Notice, Severity};
 use dermis::text::{counted, printable};
 use dermis_calibrate::Calibration;
-use dermis_emulate::emulator::Emulator;
-use dermis_live::device::Address;
+use dermis_emulate::robot::{RobotDevices, SWING_EVERY};
 use dermis_live::robot::{RobotLive, RobotOptions, RobotOutput, RobotReplay, RobotReport, check};
 #[cfg(feature = "ros2")]
 use dermis_live::sinks::ros2::dds::PublishError;
@@ -22,7 +20,6 @@ use dermis_live::sinks::{jsonl, jsonl::LineServer, watchdog};
 use dermis_live::{LiveOptions, clock};
 use dermis_robot::{Cause, EventKind, Kinematics, Robot, RuleEvent, Snapshot, Zone};
 use serde::Serialize;
-use std::f64::consts::TAU;
 use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -253,11 +250,11 @@ impl RunArguments {
         let end = Arc::clone(&ended);
         on_interrupt(move || end.store(true, Ordering::Relaxed))?;
         let heartbeat = self.watchdog.as_deref().map(watchdog::socket).transpose()?;
-        let mut emulators = Vec::new();
+        let mut devices = RobotDevices::new(self.emulate);
         let waiting = crate::console::Progress::waiting("preparing the skins");
         let how = RobotOptions { rate_hz: self.rate, record: self.record.clone(), frames: self.ros2.ros2 };
         let started =
-            RobotLive::start(&robot, &dermis_learn::methods(), &how, |skin| self.options(&robot, skin, &mut emulators));
+            RobotLive::start(&robot, &dermis_learn::methods(), &how, |skin| self.options(&robot, skin, &mut devices));
         drop(waiting);
         let mut live = started?;
         let mut page = self.page.serve_robot(&robot)?;
@@ -267,16 +264,12 @@ impl RunArguments {
             _ => None,
         };
         server.iter().for_each(|server| note(&format!("lines of JSON are at tcp:{}", server.address())));
-        let swings = self.emulate && *robot.joint_source() == dermis_robot::JointSource::None;
-        let (begun, mut shown, mut swung) = (Instant::now(), Instant::now(), None);
+        let (begun, mut shown) = (Instant::now(), Instant::now());
         let line = StatusLine::new();
         let mut counts = (0_u64, 0_u64);
         let has_time = || self.for_s.is_none_or(|for_s| begun.elapsed().as_secs_f64() < for_s);
         while !ended.load(Ordering::Relaxed) && has_time() {
-            if swings && swung.is_none_or(|at: Instant| at.elapsed() >= SWING_EVERY) {
-                swung = Some(Instant::now());
-                swing(&mut live, &robot, begun.elapsed().as_secs_f64());
-            }
+            devices.swing(&mut live);
             for RobotRequest::Tare { skin } in page.iter().flat_map(RobotServer::requests) {
                 live.tare(skin.as_deref());
             }
@@ -332,7 +325,7 @@ impl RunArguments {
         let last = live.state().snapshot(clock::now());
         let incomplete = live.stop();
         page.into_iter().for_each(RobotServer::stop);
-        emulators.iter().for_each(|emulator: &Arc<Emulator>| emulator.stop());
+        drop(devices);
         note(&format!("{}, {}; {}", counted(counts.0, "snapshot"), counted(counts.1, "event"), status(&last)));
         incomplete.map_or(Ok(()), |why| Err(Failure::given(format!("the recording is not complete: {why}"), None)))
     }
@@ -350,42 +343,15 @@ impl RunArguments {
         if self.ros2.ros2 { Err(crate::sinks::without_ros2()) } else { Ok(None) }
     }
 
-    /// How a skin is read; starts its emulator.
-    fn options(&self, robot: &Robot, skin: usize, emulators: &mut Vec<Arc<Emulator>>) -> Outcome<LiveOptions> {
-        let worn = &robot.skins()[skin];
-        let address = if self.emulate || worn.source == "emulate" {
-            // Its serial number is that of the file, or its place.
-            let serial = worn.serial.unwrap_or(skin as u32 + 1);
-            let emulator = self.emulator.with_seed(u64::from(serial)).emulator(&SkinDesign::load(&worn.design)?)?;
-            let address = emulator.serve_locally()?;
-            emulators.push(emulator);
-            address
-        } else {
-            Address::parse(&worn.source)?
-        };
-        let method = worn.method.clone().unwrap_or_default();
+    /// How a skin is read.
+    fn options(&self, robot: &Robot, skin: usize, devices: &mut RobotDevices) -> Outcome<LiveOptions> {
+        let method = robot.skins()[skin].method.as_deref().unwrap_or_default();
         // A calibration knows the skin as it is; a twin without noise has equal frames.
-        let is_noise_free = self.emulate && self.emulator.is_noise_free();
-        let force_tare = Calibration::is_named(&method) || is_noise_free;
-        let settings = Settings { method, force_tare, ..Settings::default() };
-        Ok(LiveOptions { waits: true, ..LiveOptions::new(address, settings) })
+        let force_tare = Calibration::is_named(method) || self.emulate && self.emulator.is_noise_free();
+        devices.options(robot, skin, force_tare, |design, serial| {
+            self.emulator.with_seed(u64::from(serial)).emulator(design)
+        })
     }
-}
-
-/// Interval of simulated joint states.
-const SWING_EVERY: Duration = Duration::from_millis(10);
-/// Amplitude, rad or m, and period, s, of simulated joints: slow enough for any robot.
-const SWING: [f64; 2] = [0.1, 6.0];
-
-/// Simulated joints: each swings about 0, a little slower than the one before.
-fn swing(live: &mut RobotLive, robot: &Robot, time_s: f64) {
-    let Some(kinematics) = robot.kinematics() else { return };
-    let [amplitude, period_s] = SWING;
-    let position = |joint: usize| amplitude * (TAU * time_s / (period_s + joint as f64)).sin();
-    let positions: Vec<(&str, f64)> =
-        kinematics.joint_names().enumerate().map(|(joint, name)| (name, position(joint))).collect();
-    // The positions are of this robot, and the clock may only be set back.
-    let _ = live.joints(clock::now(), &positions);
 }
 
 /// Publishes what a robot says; returns an error that ends publishing.

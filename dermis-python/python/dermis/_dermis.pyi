@@ -486,6 +486,72 @@ class Robot:
             point_m: The point in the link's frame, m; its origin without it.
         """
 
+    def live(
+        self,
+        *,
+        emulate: bool = False,
+        rate_hz: float = 50.0,
+        record: str | PathLike[str] | None = None,
+        twin: str = "lab",
+        touch: str = "none",
+    ) -> RobotLive:
+        """Reads all skins, as `dermis robot run`.
+
+        Args:
+            emulate: Simulate all devices, and joints that move slowly unless the file names a source of joint states.
+            rate_hz: Snapshots per second, 0.1 to 1000.
+            record: A new folder for a recording, for `dermis robot replay`.
+            twin: Twin of simulated devices: `ideal`, `lab`, `lab-b`, `lab-c`, `harsh`, or the path of a file.
+            touch: Touch script of simulated devices: none, random, press, slide, cross, four, grid, or a file.
+
+        Raises:
+            DermisError: A method that cannot be prepared, a source that is no address, a folder that is there already. Devices that
+                are not there are waited for.
+        """
+
+@final
+class RobotLive:
+    """A robot whose skins are being read: an iterator over what it says. As a context manager it stops at the end of the block.
+
+    Each item is a dictionary with one key: `"event"`, the begin or end of a rule, as of `Robot.feed`, at once; or `"snapshot"`, as of
+    `Robot.snapshot`. `Robot.live` makes one.
+    """
+
+    def __iter__(self) -> Self: ...
+    def __next__(self) -> dict[str, Any]: ...
+    def __enter__(self) -> Self: ...
+    def __exit__(self, *_exception: type[BaseException] | BaseException | TracebackType | None) -> None: ...
+    def joints(self, positions: dict[str, float], time_s: float | None = None) -> None:
+        """Takes joint positions, rad or m, by name, as `Robot.joints`.
+
+        Args:
+            positions: Every joint between the base and a skin; others may be there.
+            time_s: Time of measurement, s since 1970; now without it.
+
+        Raises:
+            DermisError: Those of `Robot.joints`.
+        """
+
+    def tare(self, skin: str | None = None) -> None:
+        """Measures the baseline of a skin again, or of all.
+
+        Args:
+            skin: Name of the skin; all without it.
+
+        Raises:
+            DermisError: A skin that the robot does not have.
+        """
+
+    def notices(self) -> list[str]:
+        """The messages since the last call: faults, skins that came back, swapped cables."""
+
+    def stop(self) -> None:
+        """Stops reading.
+
+        Raises:
+            DermisError: A recording that is not complete.
+        """
+
 @final
 class Samples:
     """Training samples of a recipe, computed when they are asked for. `Skin.samples` makes one.
