@@ -67,8 +67,22 @@ struct ForceCorrection {
     several: GaussianProcess,
     /// Relative standard deviation.
     relative_sd: f64,
+    /// The median of the stated deviations of the labels' positions, m: where the place of a contact is less certain, as at an
+    /// edge, so is its force.
+    #[serde(default = "unknown")]
+    usual_sd_m: f64,
     /// Range of the logarithm: that of the labels, and a [factor](force_range) on each side.
     range: [f64; 2],
+}
+
+/// Of a correction of before this was stored.
+fn unknown() -> f64 {
+    f64::NAN
+}
+
+/// By how much the relative deviation of a force exceeds the usual one, from the deviation of the position.
+fn less_certain(sd_m: f64, usual_sd_m: f64) -> f64 {
+    (sd_m / usual_sd_m).max(1.0)
 }
 
 /// What leave-one-out cross-validation on the labels states of a correction.
@@ -144,7 +158,11 @@ impl Correction {
         Ok(Correction {
             method: method.name().into(),
             shift_m: helps.then_some([u, v]),
-            sd_factor: sd_factor(&found, &left_m),
+            sd_factor: match method.reconstruct().is_adaptable() {
+                // The deviations of refined contacts are those of each place: most labels are far from edges, where they are small.
+                true => sd_factor(&found, &left_m).max(1.0),
+                false => sd_factor(&found, &left_m),
+            },
             force: force.map(|(force, _)| force),
             quality,
         })
@@ -192,7 +210,8 @@ impl Correction {
                     false => force.single.predict(&single_input(contact, difference)),
                 };
                 contact.force_n = log.clamp(force.range[0], force.range[1]).exp();
-                contact.force_sd_n = force.relative_sd * contact.force_n;
+                let relative_sd = force.relative_sd * less_certain(contact.sd_m, force.usual_sd_m);
+                contact.force_sd_n = relative_sd * contact.force_n;
             }
             if let Some(shift_m) = &self.shift_m {
                 let place = Input { position_m: contact.position_m, features: Vec::new() };
@@ -217,8 +236,11 @@ impl ForceCorrection {
         let (single, left) = GaussianProcess::fit(&single, &logs, length_m)?;
         let (several, _) = GaussianProcess::fit(&several, &logs, length_m)?;
         let range = force_range(&logs);
-        let relative_sd = relative_deviation(&left);
-        Ok(Some((ForceCorrection { single, several, relative_sd, range }, left)))
+        let sd_m = sorted(known.iter().map(|one| one.contact.sd_m).filter(|sd_m| sd_m.is_finite()));
+        let usual_sd_m = if sd_m.is_empty() { f64::NAN } else { quantile(&sd_m, 0.5) };
+        let usual = |(one, left): (&&Found, &f64)| left / less_certain(one.contact.sd_m, usual_sd_m);
+        let relative_sd = relative_deviation(&known.iter().zip(&left).map(usual).collect::<Vec<f64>>());
+        Ok(Some((ForceCorrection { single, several, relative_sd, usual_sd_m, range }, left)))
     }
 }
 

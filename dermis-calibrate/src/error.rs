@@ -36,6 +36,12 @@ pub enum CalibrateError {
         /// Labelled presses.
         labels: usize,
     },
+    /// A correction of contacts that cannot be refined.
+    #[error("the contacts cannot be refined: {why}")]
+    NotRefined {
+        /// Why.
+        why: String,
+    },
     /// A correction with labels in a robot's frame.
     #[error("a correction of {method} needs labels on the skin, not in the frame of a robot")]
     CorrectionFrame {

@@ -1,15 +1,16 @@
 //! The calibration that presses give: a forward map, or the correction of a method.
 
 use crate::calibration::{Calibration, Label, LabelFrame, Quality, check, check_positions, flatten};
-use crate::correction::{Correction, CorrectionQuality};
+use crate::correction::Correction;
 use crate::error::CalibrateError;
 use crate::matching::MIN_EVIDENCE;
 use crate::strength::UnusedForces;
 use dermis::design::SkinDesign;
-use dermis::frame::Frame;
+use dermis::frame::Differences;
 use dermis::geom::Point3;
 use dermis::geom::vector::{centroid, distance};
 use dermis::method::{MethodOptions, Methods};
+use dermis::reconstruct::MIN_UNTOUCHED_FRAMES;
 use dermis::skin::Skin;
 use serde::Serialize;
 use std::path::Path;
@@ -57,18 +58,20 @@ impl Fitted {
     pub const FORWARD_MAP: &str = "forward-map";
 
     /// Fits the forward map, or the correction of a method by its name; without a choice, whichever locates the labels
-    /// better, of the forward map and the correction of the skin's default method.
+    /// better, of the forward map and corrections of the skin's own methods: its contacts, and with enough untouched frames
+    /// its refined contacts.
     ///
     /// # Errors
     /// As [`Calibration::fit`] and [`Correction::fit`]; a correction of labels in a robot's frame; an unknown method.
     pub fn fit(
         methods: &Methods,
         skin: &Skin,
-        frames: &[Frame],
+        differences: &Differences,
         labels: &[Label],
         frame: LabelFrame,
         method: Option<&str>,
     ) -> Result<Self, CalibrateError> {
+        let frames = &differences.frames;
         check(frames, &skin.design().protocol, labels)?;
         if frame == LabelFrame::Skin {
             check_positions(skin, labels)?;
@@ -77,11 +80,11 @@ impl Fitted {
             if frame == LabelFrame::Robot {
                 return Err(CalibrateError::CorrectionFrame { method: name.into() });
             }
-            return Ok(Fitted::Correction(Box::new(correct(methods, skin, frames, labels, name)?)));
+            return Ok(Fitted::Correction(Box::new(correct(methods, skin, differences, labels, name)?)));
         }
         let map = Calibration::fit(skin, frames, labels, frame)?;
         let better = match (method, frame) {
-            (None, LabelFrame::Skin) => Self::better_correction(methods, skin, frames, labels, map.quality())?,
+            (None, LabelFrame::Skin) => Self::better_correction(methods, skin, differences, labels, map.quality())?,
             _ => None,
         };
         Ok(match better {
@@ -90,25 +93,22 @@ impl Fitted {
         })
     }
 
-    /// The correction of the skin's default method, where it finds all labels and locates them better than a forward
-    /// map of this quality.
+    /// The best correction of the skin's own methods, where it finds all labels and locates them better than a forward map
+    /// of this quality.
     ///
     /// # Errors
     /// As [`Correction::fit`].
     pub fn better_correction(
         methods: &Methods,
         skin: &Skin,
-        frames: &[Frame],
+        differences: &Differences,
         labels: &[Label],
         map: &Quality,
     ) -> Result<Option<Correction>, CalibrateError> {
-        // A correction has no untouched frames to which a refined method could be adapted.
-        let correction = match correct(methods, skin, frames, labels, &methods.unrefined_name(skin)?) {
-            Err(CalibrateError::TooFewFound { .. }) => return Ok(None),
-            fitted => fitted?,
-        };
-        let CorrectionQuality { labels, found, mean_error_m, .. } = *correction.quality();
-        Ok(Some(correction).filter(|_| found == labels && mean_error_m < map.mean_error_m))
+        let corrections = corrections(methods, skin, differences, labels)?.into_iter();
+        let error_m = |correction: &Correction| correction.quality().mean_error_m;
+        let best = corrections.min_by(|a, b| error_m(a).total_cmp(&error_m(b)));
+        Ok(best.filter(|correction| error_m(correction) < map.mean_error_m))
     }
 
     /// The mean error of labels that it had not seen, m.
@@ -134,7 +134,7 @@ impl Fitted {
     pub fn alternatives(
         methods: &Methods,
         skin: &Skin,
-        frames: &[Frame],
+        differences: &Differences,
         labels: &[Label],
         frame: LabelFrame,
     ) -> Result<Alternatives, CalibrateError> {
@@ -157,14 +157,11 @@ impl Fitted {
         let uncalibrated = match frame {
             LabelFrame::Robot => None,
             LabelFrame::Skin => {
-                let name = methods.unrefined_name(skin)?;
-                match correct(methods, skin, frames, labels, &name) {
-                    Err(CalibrateError::TooFewFound { .. }) => None,
-                    fitted => {
-                        let CorrectionQuality { labels, found, mean_error_before_m, .. } = *fitted?.quality();
-                        (found == labels).then_some((name, mean_error_before_m))
-                    }
-                }
+                let before = |correction: &Correction| {
+                    (correction.method().to_string(), correction.quality().mean_error_before_m)
+                };
+                let corrections = corrections(methods, skin, differences, labels)?;
+                corrections.iter().map(before).min_by(|a, b| a.1.total_cmp(&b.1))
             }
         };
         Ok(Alternatives { guess_m, uncalibrated })
@@ -190,15 +187,51 @@ impl Fitted {
     }
 }
 
+/// The corrections of the skin's own methods that find all labels: of its contacts, and of its refined contacts where they can be
+/// refined.
+fn corrections(
+    methods: &Methods,
+    skin: &Skin,
+    differences: &Differences,
+    labels: &[Label],
+) -> Result<Vec<Correction>, CalibrateError> {
+    let mut names = vec![methods.unrefined_name(skin)?];
+    if methods.default_name(skin)? == Methods::REFINED && can_be_refined(differences) {
+        names.push(Methods::REFINED.into());
+    }
+    let mut found = Vec::new();
+    for name in names {
+        match correct(methods, skin, differences, labels, &name) {
+            Err(CalibrateError::TooFewFound { .. } | CalibrateError::NotRefined { .. }) => {}
+            fitted => found.push(fitted?),
+        }
+    }
+    found.retain(|correction| correction.quality().found == correction.quality().labels);
+    Ok(found)
+}
+
+fn can_be_refined(differences: &Differences) -> bool {
+    differences.baseline.is_some() && differences.untouched.len() >= MIN_UNTOUCHED_FRAMES
+}
+
 /// Corrects a method by the labels.
 fn correct(
     methods: &Methods,
     skin: &Skin,
-    frames: &[Frame],
+    differences: &Differences,
     labels: &[Label],
     name: &str,
 ) -> Result<Correction, CalibrateError> {
-    let method = methods.method(skin, name, &MethodOptions::default())?;
-    let detector = method.detector(&[], &skin.design().protocol).map_err(dermis::Error::from)?;
-    Correction::fit(skin.pixels(), &method, &detector, frames, labels)
+    let (mut method, protocol) = (methods.method(skin, name, &MethodOptions::default())?, &skin.design().protocol);
+    let mut detector = method.detector(&[], protocol).map_err(dermis::Error::from)?;
+    if method.reconstruct().is_adaptable() {
+        method = method.adapted(differences).map_err(dermis::Error::from)?;
+        detector = method.detector_of(differences, protocol).map_err(dermis::Error::from)?;
+        let few = (!can_be_refined(differences))
+            .then(|| format!("that takes at least {MIN_UNTOUCHED_FRAMES} untouched frames (--baseline)"));
+        if let Some(why) = few.or_else(|| method.reconstruct().warning().map(String::from)) {
+            return Err(CalibrateError::NotRefined { why });
+        }
+    }
+    Correction::fit(skin.pixels(), &method, &detector, &differences.frames, labels)
 }

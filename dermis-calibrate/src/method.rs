@@ -10,6 +10,7 @@ use crate::touches::Superposition;
 use dermis::contact::Contact;
 use dermis::detect::DetectOptions;
 use dermis::forward::Matrix;
+use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::geom::vector::distance;
 use dermis::image::PixelSpace;
@@ -83,8 +84,11 @@ impl Fitted {
             }
             Fitted::Correction(correction) => {
                 let base = methods.method(skin, correction.method(), options)?;
-                let label = format!("{} with the correction in {name}", base.label());
-                let method = CorrectedMethod { base: Arc::clone(base.reconstruct()), correction: *correction };
+                // The end of the label says whether contacts are refined.
+                let label = format!("correction in {name} of {}", base.label());
+                let base = Arc::clone(base.reconstruct());
+                let is_ready = !base.is_adaptable();
+                let method = CorrectedMethod { base, correction: Arc::new(*correction), is_ready };
                 Ok(Method::new(name, label, Arc::new(method)))
             }
         }
@@ -109,7 +113,9 @@ impl MethodSource for Calibrations {
 /// A method whose contacts are corrected.
 struct CorrectedMethod {
     base: Arc<dyn Reconstruct>,
-    correction: Correction,
+    correction: Arc<Correction>,
+    /// Whether its contacts are those of the labels: a method that refines contacts is first adapted to the untouched skin.
+    is_ready: bool,
 }
 
 impl Reconstruct for CorrectedMethod {
@@ -134,7 +140,34 @@ impl Reconstruct for CorrectedMethod {
     }
 
     fn correct(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
-        self.correction.apply(&self.base.pixels().surface, difference, contacts);
+        self.base.correct(difference, contacts);
+        if self.is_ready {
+            self.correction.apply(&self.base.pixels().surface, difference, contacts);
+        } else {
+            // What the labels say is of other contacts.
+            contacts.iter_mut().for_each(|contact| [contact.force_n, contact.force_sd_n] = [f64::NAN; 2]);
+        }
+    }
+
+    fn is_adaptable(&self) -> bool {
+        self.base.is_adaptable()
+    }
+
+    fn adapted(&self, rest: &Frame, untouched: &[Frame]) -> Result<Option<Arc<dyn Reconstruct>>, ReconstructError> {
+        let adapted = |base: Arc<dyn Reconstruct>| {
+            let is_ready = base.warning().is_none();
+            Arc::new(CorrectedMethod { base, correction: Arc::clone(&self.correction), is_ready })
+                as Arc<dyn Reconstruct>
+        };
+        Ok(self.base.adapted(rest, untouched)?.map(adapted))
+    }
+
+    fn warning(&self) -> Option<&str> {
+        self.base.warning()
+    }
+
+    fn novelty(&self, difference: &[f64]) -> Option<f64> {
+        self.base.novelty(difference)
     }
 
     fn detection(&self) -> DetectOptions {

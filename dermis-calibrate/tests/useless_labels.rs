@@ -37,7 +37,7 @@ fn is_refused(skin: &Skin, twin: &str, labels: Labels, seed: u64) -> (bool, Stri
     };
     let frames: Vec<Frame> = set.presses.iter().zip(UNTOUCHED..).map(frame).collect();
     let untouched = (0..UNTOUCHED).map(|index| made.frame(&[], index).unwrap()).collect();
-    let differences = Differences::new(frames, untouched).frames;
+    let differences = Differences::new(frames, untouched);
     let mut order: Vec<usize> = (0..count).collect();
     match labels {
         Labels::Shuffled => order.shuffle(&mut rng),

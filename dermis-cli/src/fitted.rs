@@ -2,7 +2,7 @@
 
 use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
-use dermis::frame::Frame;
+use dermis::frame::Differences;
 use dermis::method::MethodError;
 use dermis::skin::Skin;
 use dermis::text::ranges;
@@ -16,13 +16,13 @@ use std::collections::BTreeSet;
 /// Fits a calibration; without a method whichever is better. Shows that the program works.
 pub fn fit(
     skin: &Skin,
-    frames: &[Frame],
+    differences: &Differences,
     labels: &[Label],
     frame: LabelFrame,
     method: Option<&str>,
 ) -> Outcome<Fitted> {
     let _waiting = Progress::waiting("fitting the calibration");
-    Fitted::fit(&dermis_learn::methods(), skin, frames, labels, frame, method).map_err(|error| match error {
+    Fitted::fit(&dermis_learn::methods(), skin, differences, labels, frame, method).map_err(|error| match error {
         CalibrateError::Method(error) => match *error {
             MethodError::Dermis(error) => error.into(),
             error => {
@@ -35,9 +35,14 @@ pub fn fit(
 }
 
 /// What a calibration by some labels has to be better than.
-pub fn alternatives(skin: &Skin, frames: &[Frame], labels: &[Label], frame: LabelFrame) -> Outcome<Alternatives> {
+pub fn alternatives(
+    skin: &Skin,
+    differences: &Differences,
+    labels: &[Label],
+    frame: LabelFrame,
+) -> Outcome<Alternatives> {
     let _waiting = Progress::waiting("comparing with no calibration");
-    Ok(Fitted::alternatives(&dermis_learn::methods(), skin, frames, labels, frame)?)
+    Ok(Fitted::alternatives(&dermis_learn::methods(), skin, differences, labels, frame)?)
 }
 
 /// Its figures as JSON, SI units.

@@ -7,7 +7,7 @@ use crate::range::count;
 use crate::skin;
 use crate::source::{PageArguments, SourceArguments};
 use clap::Args;
-use dermis::frame::read_places;
+use dermis::frame::{Differences, read_places};
 use dermis::geom::{Point3, Surface};
 use dermis::method::MethodSet;
 use dermis::pipeline::{Settings, Severity, Timestamp};
@@ -381,8 +381,9 @@ impl Guided {
     fn save_better_correction(&self, folder: &Path, map: Option<&Quality>) -> Outcome<Option<Correction>> {
         let Some(map) = map else { return Ok(None) };
         let (frames, labels) = self.session.presses();
+        let differences = Differences { frames: frames.to_vec(), ..Differences::default() };
         let correction =
-            Fitted::better_correction(&dermis_learn::methods(), self.session.skin(), frames, &labels, map)?;
+            Fitted::better_correction(&dermis_learn::methods(), self.session.skin(), &differences, &labels, map)?;
         if let Some(correction) = &correction {
             correction.save(folder, self.session.skin().design())?;
         }

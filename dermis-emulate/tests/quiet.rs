@@ -5,4 +5,5 @@ mod handshake;
 mod idle_sockets;
 mod page;
 mod playback;
+mod robot_faults;
 mod slow_recording;

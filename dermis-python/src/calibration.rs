@@ -56,9 +56,8 @@ impl Calibration {
     ) -> Outcome<Self> {
         let labels = presses.labels()?;
         let frame = if presses.in_robot_frame { LabelFrame::Robot } else { LabelFrame::Skin };
-        let frames = &differences.frames;
         let fitted = worker::run(py, "calibrating", 1, |_| {
-            Ok(Fitted::fit(&dermis_learn::methods(), skin.skin(), frames, &labels, frame, method)?)
+            Ok(Fitted::fit(&dermis_learn::methods(), skin.skin(), differences, &labels, frame, method)?)
         })?;
         Ok(Calibration { skin: skin.clone(), fitted })
     }

@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import dermis
+import dermis.commands
 import pytest
 
 ROOT = Path(__file__).parents[2]

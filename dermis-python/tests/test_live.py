@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import dermis
+import dermis.commands
 
 
 @pytest.fixture(scope="module")
@@ -75,3 +76,28 @@ def test_devices_and_recordings_that_cannot_be_are_refused(skin, tmp_path):
         pipeline.process(skin.forward(), -1)
     with pytest.raises(dermis.DermisError, match="no-such-method"):
         dermis.Pipeline(skin, "no-such-method")
+
+
+def test_a_robot_is_read_live(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    dermis.commands.new("robot", output="arm.toml")
+    robot = dermis.Robot("arm.toml")
+    with robot.live(emulate=True, touch="press", record=tmp_path / "run") as live:
+        with pytest.raises(dermis.DermisError, match="no skin `toe`"):
+            live.tare("toe")
+        first = next(live)
+        # The skins are unknown at first.
+        assert first["event"]["cause"] == "unknown"
+        contacts = []
+        for said in itertools.islice(live, 2000):
+            contacts = said.get("snapshot", {"contacts": []})["contacts"]
+            if contacts:
+                break
+    assert contacts and {"position_base_m", "parts", "self_link"} <= contacts[0].keys()
+    assert list(live) == []
+    replayed = dermis.commands.robot_replay(str(tmp_path / "run"), summary=True)
+    assert replayed["touched_snapshots"] > 0
+    with pytest.raises(dermis.DermisError, match="is there already"):
+        robot.live(emulate=True, record=tmp_path / "run")
+    with pytest.raises(dermis.DermisError, match="rate_hz"):
+        robot.live(rate_hz=0)

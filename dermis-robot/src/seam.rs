@@ -27,6 +27,10 @@ pub(crate) type Key = (usize, u64);
 /// Each skin sees the part of a touch that lies on it. Two contacts are one touch if each reaches the edge of its skin, and if the
 /// two are opposite each other: their distance is that of both to their edges and of the seam between, up to the extent of
 /// the contacts along it. They stay one while one of them reaches its edge.
+///
+/// The flank of a Gaussian touch whose half width at half its peak is `h` holds at most the share `s = 2^(-(c/h)^2) / 2` beyond the
+/// distance `c` from its middle (Chernoff's bound of the normal distribution): a part with the share `s` of the strength of both is
+/// that of a touch whose middle is within `h sqrt(log2(1 / 2s))` of the edge.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Seams {
     /// Skins that are fixed to each other, and the pose of the second's frame in the first's.
@@ -207,8 +211,13 @@ fn known(value: f64) -> f64 {
 
 /// The distance of two contacts that are one touch over a seam, m; `pose` is that of the second's frame in the first's.
 fn are_one(a: &Contact, b: &Contact, pose: &Pose, is_new: bool) -> Option<f64> {
-    let reaches = |contact: &Contact| contact.edge_m <= extent_m(contact) + SDS * known(contact.sd_m);
-    let is_at_edge = if is_new { reaches(a) && reaches(b) } else { reaches(a) || reaches(b) };
+    let reaches = |contact: &Contact, other: &Contact| {
+        let share = other.strength.abs() / (contact.strength.abs() + other.strength.abs());
+        // A share of a quarter or more, and an unknown one, are that of a touch of which the edge cuts more than a flank.
+        let far = (-(2.0 * share).log2()).sqrt().max(1.0);
+        contact.edge_m <= far * extent_m(contact) + SDS * known(contact.sd_m)
+    };
+    let is_at_edge = if is_new { reaches(a, b) && reaches(b, a) } else { reaches(a, b) || reaches(b, a) };
     let apart_m = distance(a.position_m, pose.point(b.position_m));
     let along_m = offset_m(a, b);
     let is_opposite = apart_m <= (a.edge_m + b.edge_m + SEAM_M).hypot(along_m);

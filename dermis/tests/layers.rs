@@ -55,7 +55,7 @@ const CRATES: &[(&str, &[&str])] = &[
     ("dermis-firmware", &["dermis-wire"]),
     ("dermis-robot", &["dermis"]),
     ("dermis-live", &["dermis", "dermis-robot", "dermis-wire"]),
-    ("dermis-emulate", &["dermis", "dermis-firmware", "dermis-live", "dermis-sim", "dermis-wire"]),
+    ("dermis-emulate", &["dermis", "dermis-firmware", "dermis-live", "dermis-robot", "dermis-sim", "dermis-wire"]),
     (
         "dermis-cli",
         &[

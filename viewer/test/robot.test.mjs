@@ -98,6 +98,12 @@ test("the page of a robot shows its skins, contacts and rules, and asks for a ta
     await server.close();
     await until("the end", async () => (await page.textContent("#touched")) === "unknown");
     assert.equal(await page.textContent("#link"), "disconnected");
+    // Nothing of what was last said holds.
+    const zones = () => page.$$eval("#skin-list > li", (items) => items.map((item) => item.dataset.zone));
+    await until("the skins", async () => (await zones()).every((zone) => zone === "unknown"));
+    assert.deepEqual([await page.textContent("#no-contacts"), await page.textContent("#no-rules")], ["Unknown.", "Unknown."]);
+    assert.equal(await page.$$eval("#contact-list > li, #rule-list > li, .robot-mark", (items) => items.length), 0);
+    assert.ok(await page.isDisabled("#tare"));
     assert.deepEqual(complaints, []);
   } finally {
     await context.close();

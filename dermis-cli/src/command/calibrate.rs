@@ -96,11 +96,12 @@ impl Arguments {
         let presses = Presses::read(truth, &skin, recorded.used.count)?.of_rows(&recorded.used.rows);
         warn_of_faults(&skin, &recorded, &presses)?;
         let labels = presses.labels(&recorded.used.chosen(self.labels.as_ref(), "--labels")?);
-        let frames = recorded.into_differences().frames;
-        let last = labels.last().map_or(0, |label| label.row);
-        let used = if self.unlabelled { &frames[..] } else { &frames[..=last] };
-        let fitted = fitted::fit(&skin, used, &labels, presses.frame(), method)?;
-        let alternatives = fitted::alternatives(&skin, used, &labels, presses.frame())?;
+        let mut used = recorded.into_differences();
+        if !self.unlabelled {
+            used.frames.truncate(labels.last().map_or(0, |label| label.row) + 1);
+        }
+        let fitted = fitted::fit(&skin, &used, &labels, presses.frame(), method)?;
+        let alternatives = fitted::alternatives(&skin, &used, &labels, presses.frame())?;
         if let Some(reason) = alternatives.reason(&fitted) {
             let fix = "check that the labels belong to the frames, their rows, units and axes (dermis check-frames --truth), or \
                        label more presses";
@@ -109,7 +110,7 @@ impl Arguments {
             }
             warn(&format!("{reason}; {fix}"));
         }
-        let outlook = self.outlook(&skin, used, &labels, presses.frame(), &fitted)?;
+        let outlook = self.outlook(&skin, &used.frames, &labels, presses.frame(), &fitted)?;
         fitted.save(&self.output, skin.design())?;
         if self.json {
             let mut json = fitted::to_json(&fitted, &skin.design().name, &labels);

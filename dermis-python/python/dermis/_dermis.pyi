@@ -21,6 +21,7 @@ __all__ = [
     "Pipeline",
     "Replay",
     "Robot",
+    "RobotLive",
     "Samples",
     "Simulation",
     "Skin",

@@ -23,6 +23,7 @@ class RobotPage {
 
   start(): void {
     this.wire();
+    this.setLink();
     this.connection.open();
     requestAnimationFrame((now) => this.draw(now));
   }
@@ -62,7 +63,8 @@ class RobotPage {
       this.redraw = false;
       this.view?.render((drawn) => {
         const skin = this.status?.snapshot.skins.find((one) => one.skin === drawn.skin);
-        return drawn.skin === null ? this.colours.link : this.colours[skin?.zone ?? "unknown"];
+        const zone = this.connection.connected ? skin?.zone : undefined;
+        return drawn.skin === null ? this.colours.link : this.colours[zone ?? "unknown"];
       });
       this.mark();
     }
@@ -75,7 +77,7 @@ class RobotPage {
   /** A ring at each contact whose place is known. */
   private mark(): void {
     const contacts = this.status?.snapshot.contacts ?? [];
-    const rings = contacts.flatMap(({ position_base_m: place, force_n: force }) => {
+    const rings = (this.connection.connected ? contacts : []).flatMap(({ position_base_m: place, force_n: force }) => {
       const at = place && this.view?.project(place);
       if (!at) return [];
       const ring = make("span", "robot-mark", force === null ? "" : `${force.toFixed(1)} N`);
@@ -87,8 +89,8 @@ class RobotPage {
 
   private list(): void {
     const { status } = this;
-    const known = this.connection.connected ? status : null;
-    const touched = known?.snapshot.touched ?? null;
+    const { connected } = this.connection;
+    const touched = connected ? (status?.snapshot.touched ?? null) : null;
     const word = touched === null ? "unknown" : touched ? "touched" : "untouched";
     part("touched").dataset["state"] = word;
     say(part("touched"), word);
@@ -106,41 +108,50 @@ class RobotPage {
       row.append(make("span", "", contact.force_n === null ? "" : `${contact.force_n.toFixed(1)} N`));
       return row;
     });
-    part("contact-list").replaceChildren(...contacts);
-    show(part("no-contacts"), contacts.length === 0);
+    // Nothing of what was last said holds while the program is not heard.
+    part("contact-list").replaceChildren(...(connected ? contacts : []));
+    show(part("no-contacts"), contacts.length === 0 || !connected);
+    say(part("no-contacts"), connected ? "No contacts." : "Unknown.");
     const rules = Object.entries(snapshot.rules).map(([name, { cause, skin }]) => {
       const row = make("li", "robot-row");
       row.append(make("strong", "", name), make("span", "", `${skin} is ${cause}`));
       return row;
     });
-    part("rule-list").replaceChildren(...rules);
-    show(part("no-rules"), rules.length === 0);
+    part("rule-list").replaceChildren(...(connected ? rules : []));
+    show(part("no-rules"), rules.length === 0 || !connected);
+    say(part("no-rules"), connected ? "None." : "Unknown.");
+    part<HTMLButtonElement>("tare").disabled = !connected;
     this.notes.setMessages(status.messages);
   }
 
   private row(skin: SkinState, status: RobotStatus): HTMLElement {
     const row = make("li", "robot-row robot-skin");
-    row.dataset["zone"] = skin.zone;
+    const { connected } = this.connection;
+    const zone = connected ? skin.zone : "unknown";
+    row.dataset["zone"] = zone;
     const about = [
       skin.link,
       skin.rate_hz === null ? "no frames" : `${skin.rate_hz.toFixed(0)} Hz`,
       skin.age_s === null ? "" : skin.age_s < 1 ? `${(1000 * skin.age_s).toFixed(0)} ms old` : `${skin.age_s.toFixed(0)} s old`,
     ];
-    row.append(make("i", "robot-zone"), make("strong", "", skin.skin), make("b", "", skin.zone));
+    row.append(make("i", "robot-zone"), make("strong", "", skin.skin), make("b", "", zone));
     const button = make("button", "", "Tare") as HTMLButtonElement;
     button.type = "button";
     button.dataset["skin"] = skin.skin;
     button.title = `Use the present frames of ${skin.skin} as its untouched baseline`;
-    row.append(button, make("span", "robot-about", about.filter(Boolean).join(" · ")));
-    const reason = status.reasons[skin.skin];
+    button.disabled = !connected;
+    row.append(button, make("span", "robot-about", (connected ? about : [skin.link]).filter(Boolean).join(" · ")));
+    const reason = connected ? status.reasons[skin.skin] : "the program is not heard";
     if (reason) row.append(make("span", "robot-about", reason));
     return row;
   }
 
   private setLink(): void {
     const { connected } = this.connection;
-    part("link").dataset["state"] = connected ? "live" : "disconnected";
-    say(part("link"), connected ? "live" : "disconnected");
+    const state = connected ? "live" : this.scene ? "disconnected" : "connecting";
+    part("link").dataset["state"] = state;
+    say(part("link"), state);
+    this.redraw = true;
   }
 
   private wire(): void {
