@@ -67,6 +67,19 @@ impl EmulatorArguments {
         Ok(Emulator::new(design, options)?)
     }
 
+    /// An option that is not as it is by default.
+    pub fn changed(&self) -> Option<&'static str> {
+        let changed = [
+            ("--twin", self.twin != "lab"),
+            ("--touch", self.touch != "none"),
+            ("--fault", !self.fault.is_empty()),
+            ("--prerender", self.prerender > 0),
+            ("--speed", self.speed != 1.0),
+            ("--unpaced", self.unpaced),
+        ];
+        changed.into_iter().find_map(|(option, is_changed)| is_changed.then_some(option))
+    }
+
     /// The same with another seed.
     pub fn with_seed(&self, seed: u64) -> Self {
         EmulatorArguments { seed, ..self.clone() }

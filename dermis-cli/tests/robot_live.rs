@@ -93,6 +93,51 @@ fn swapped_cables_are_named() {
 }
 
 #[test]
+fn devices_of_other_skins_of_the_robot_are_named() {
+    let at = Workplace::empty();
+    let devices = [emulated(&at, "skin16 --seed 17"), emulated(&at, "cylinder30 --seed 18")];
+    robot(&at, [&devices[0].line, &devices[1].line]);
+    let (snapshots, _, said) = run(&at, "--for 4");
+    let swap = |skin: &str, serial: u32, owner: &str| {
+        format!("{skin}: the device has the serial number {serial} and is that of `{owner}`: swap the cables")
+    };
+    for message in [swap("forearm", 17, "palm"), swap("palm", 18, "forearm")] {
+        assert_eq!(said.matches(&message).count(), 1, "{said}");
+    }
+    for skin in 0..2 {
+        assert_eq!(zones(&snapshots, skin).last().unwrap(), "other_device");
+    }
+}
+
+#[test]
+fn joint_states_that_do_not_come_are_missed_once_and_those_from_before_are_not_of_another_clock() {
+    let at = Workplace::empty();
+    robot(&at, ["tcp:127.0.0.1:1", "tcp:127.0.0.1:2"]);
+    let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    let port = std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let text = std::fs::read_to_string(at.path("arm.toml")).unwrap();
+    at.write("arm.toml", text.replace("joints = \"none\"", &format!("joints = \"udp:127.0.0.1:{port}\"")));
+    let (sender, is_over) = (std::time::Instant::now(), std::sync::atomic::AtomicBool::new(false));
+    let said = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !is_over.load(std::sync::atomic::Ordering::Relaxed) {
+                // They come while the skins are prepared, and stop after some seconds.
+                if sender.elapsed().as_secs_f64() < 4.0 {
+                    let states = r#"{"name": ["shoulder", "elbow", "wrist"], "position": [0.0, 0.1, 0.2]}"#;
+                    let _ = socket.send_to(states.as_bytes(), ("127.0.0.1", port));
+                }
+                std::thread::sleep(std::time::Duration::from_millis(10));
+            }
+        });
+        let (_, _, said) = run(&at, "--emulate --for 7");
+        is_over.store(true, std::sync::atomic::Ordering::Relaxed);
+        said
+    });
+    assert!(!said.contains("set both clocks alike"), "{said}");
+    assert_eq!(said.matches(&format!("no joint states from udp:127.0.0.1:{port} for")).count(), 1, "{said}");
+}
+
+#[test]
 fn a_device_that_is_killed_makes_its_skin_unknown_and_a_new_one_brings_it_back() {
     let at = Workplace::empty();
     let mut device = emulated(&at, "skin16 --seed 2");

@@ -108,7 +108,12 @@ fn check(fault: &str) {
         while let Some(replayed) = replay.step().unwrap() {
             let Replayed::Frame(frame) = replayed else { continue };
             if let Some(contacts) = frames[skin].get(&frame.result.sequence) {
-                assert_eq!(said(contacts), said(&frame.result.contacts), "{fault}: skin {skin}, frame {}", frame.result.sequence);
+                assert_eq!(
+                    said(contacts),
+                    said(&frame.result.contacts),
+                    "{fault}: skin {skin}, frame {}",
+                    frame.result.sequence
+                );
                 compared += 1;
             }
         }

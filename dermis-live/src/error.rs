@@ -42,6 +42,8 @@ pub enum LiveError {
         address: String,
         /// Why, and the fix.
         message: String,
+        /// What the device says that it is, if it says so.
+        identity: Option<DeviceIdentity>,
     },
     /// A device that was lost.
     #[error("the device at {address} was lost: {message}")]
@@ -71,6 +73,15 @@ pub enum LiveError {
         /// The system error.
         source: std::io::Error,
     },
+}
+
+/// Which skin a device says that it reads.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DeviceIdentity {
+    /// The identifier of the skin.
+    pub design_sha256: [u8; 32],
+    /// Its serial number.
+    pub serial: u32,
 }
 
 /// Errors of other crates, boxed: their size would enlarge every result of this crate.

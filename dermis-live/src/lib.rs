@@ -16,7 +16,7 @@ pub mod runtime;
 pub mod sinks;
 
 pub use device::ScanTable;
-pub use error::LiveError;
+pub use error::{DeviceIdentity, LiveError};
 pub use runtime::{
     ClientSession, Control, Event, Latency, Live, LiveFrame, LiveHandle, LiveOptions, LiveStatistics, LiveSummary,
     Mailbox, Popped, Pressable, RecordingOptions,

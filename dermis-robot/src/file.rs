@@ -316,6 +316,16 @@ impl Reader<'_> {
     }
 
     fn robot(&self) -> Result<Robot, DesignError> {
+        let fix = "give the file of a robot: `dermis new robot -o arm.toml` writes one";
+        if self.text.trim_start().starts_with('<') {
+            let message = format!("{} is a robot description (URDF): it is the `description` of a robot", self.name);
+            return Err(DesignError::new(message, Some(fix.into())));
+        }
+        let has_key = |key: &str| self.text.parse::<toml::Table>().is_ok_and(|table| table.contains_key(key));
+        if has_key("body") && !has_key("skin") {
+            let message = format!("{} is the design of a skin: it is the `design` of a [[skin]] of a robot", self.name);
+            return Err(DesignError::new(message, Some(fix.into())));
+        }
         let file: RobotFile = toml::from_str(self.text).map_err(|error| {
             let (message, fix) = explain_toml_error(error.message());
             self.error(error.span().unwrap_or_default(), message, fix.as_deref())

@@ -2,7 +2,6 @@
 
 use crate::file::Robot;
 use crate::kinematics::{JointKind, Kinematics};
-use dermis::design::closest_name;
 use dermis::pipeline::Timestamp;
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -56,9 +55,12 @@ impl JointHistory {
         let missing = robot.needed_joints().iter().copied().find(|&place| positions[place].is_nan());
         if let Some(place) = missing {
             let name = kinematics.joint_names().nth(place).unwrap_or_default();
-            let near = closest_name(name, given.iter().map(|(given, _)| *given));
-            let hint = near.map(|near| format!("; did it mean `{near}`?")).unwrap_or_default();
-            return Err(format!("the joint states have no joint `{name}`, as those of another robot{hint}"));
+            let came: Vec<&str> = given.iter().map(|(given, _)| *given).collect();
+            return Err(format!(
+                "the joint states have no joint `{name}`, as those of another robot or of a part of it; they have {}; a message \
+                 must have every joint between the base and a skin",
+                if came.is_empty() { "none".into() } else { came.join(", ") }
+            ));
         }
         if self.newest() == Some(at) {
             // The same states again.
@@ -89,7 +91,11 @@ impl JointHistory {
             let limit = joint.speed_limit?;
             (passed_s < KEPT_S && moved > JUMP * limit * passed_s.max(0.001)).then(|| {
                 let speed = moved / passed_s;
-                format!("the joint `{}` jumped: {speed:.1} per second, of at most {limit:.1}", joint.name)
+                let unit = if joint.kind == JointKind::Prismatic { "m/s" } else { "rad/s" };
+                format!(
+                    "the joint `{}` jumped: {speed:.1} {unit}, of at most {limit:.1}; positions are in rad and m",
+                    joint.name
+                )
             })
         });
         if jumped.is_some() {

@@ -200,14 +200,14 @@ pub enum Cause {
     },
 }
 
-/// The begin or end of a rule.
+/// The begin or end of a rule, or another reason for it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(title = "Dermis robot event"))]
 pub struct RuleEvent {
     /// The name of the rule.
     pub rule: String,
-    /// Whether it begins or ends.
+    /// Whether it begins, ends, or goes on for another reason.
     pub event: EventKind,
     /// Why it holds; at its end why it held until now.
     #[serde(flatten)]
@@ -218,13 +218,15 @@ pub struct RuleEvent {
     pub at: Timestamp,
 }
 
-/// Whether a rule begins or ends.
+/// What happens to a rule.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum EventKind {
     /// It holds from now on.
     Begins,
+    /// It goes on to hold, for another reason: a touch in place of an unknown skin, or the other way round.
+    Changes,
     /// It does not hold any more.
     Ends,
 }

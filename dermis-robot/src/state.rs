@@ -275,7 +275,12 @@ impl RobotState {
                     events.push(event(EventKind::Begins, cause.clone()));
                     (*active, *clear_since) = (Some(cause), None);
                 }
-                (Some(cause), Some(_)) => (*active, *clear_since) = (Some(cause), None),
+                (Some(cause), Some(before)) => {
+                    if std::mem::discriminant(&cause) != std::mem::discriminant(before) {
+                        events.push(event(EventKind::Changes, cause.clone()));
+                    }
+                    (*active, *clear_since) = (Some(cause), None);
+                }
                 (None, Some(_)) => {
                     let since = *clear_since.get_or_insert(now);
                     if now.seconds_since(since) >= rule.clear_s {

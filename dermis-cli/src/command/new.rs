@@ -115,26 +115,33 @@ impl Arguments {
         };
         let stl = sleeve.as_ref().map(Sleeve::stl).unwrap_or_default();
         let mut files = vec![(path.clone(), text.as_bytes())];
+        let beside = |name: &str| path.with_file_name(name);
         match self.body {
             BodyKind::Link => files.push((path.with_extension("stl"), &stl)),
-            BodyKind::Mesh => files.push((path.with_file_name("forearm.stl"), FOREARM_STL)),
-            BodyKind::Robot => files.push((path.with_file_name("arm.urdf"), include_bytes!("new/arm.urdf"))),
+            BodyKind::Mesh => files.push((beside("forearm.stl"), FOREARM_STL)),
+            BodyKind::Robot => files.push((beside("arm.urdf"), include_bytes!("new/arm.urdf"))),
             BodyKind::Cylinder | BodyKind::Disk | BodyKind::Rectangle => {}
         }
         if let Some((there, _)) = files.iter().find(|(path, _)| !self.force && path.is_file()) {
             let message = format!("{} exists already", there.display());
             return Err(Failure::given(message, Some("give another path with -o, or replace it with --force")));
         }
-        for (path, content) in files {
-            write_whole(&path, |writer| writer.write_all(content))?;
+        for (path, content) in &files {
+            write_whole(path, |writer| writer.write_all(content))?;
         }
+        let written: Vec<String> = files.iter().map(|(path, _)| path.display().to_string()).collect();
+        let written = written.join(" and ");
         let shown = sleeve.map(|sleeve| described(&sleeve)).unwrap_or_default();
         let path = path.display();
-        let next = match self.body {
-            BodyKind::Robot => format!("dermis robot check {path}"),
+        let next = match (self.body, &self.link) {
+            (BodyKind::Robot, _) => format!("dermis robot check {path}"),
+            (BodyKind::Link, Some(link)) => format!(
+                "dermis plot {path} -o skin.svg; in the file of the robot (dermis new robot):\n\n[[skin]]\nname = \"{link}\"\n\
+                 design = \"{path}\"\nlink = \"{link}\"\nsource = \"serial:/dev/ttyACM0\""
+            ),
             _ => format!("dermis plot {path} -o skin.svg"),
         };
-        print(&format!("{shown}wrote {path}\nnext: {next}\n"))
+        print(&format!("{shown}wrote {written}\nnext: {next}\n"))
     }
 
     /// The body of a skin on a link.

@@ -1,6 +1,6 @@
 //! `dermis robot`: several skins on one robot.
 
-use crate::console::{StatusLine, note, on_interrupt, print, print_json};
+use crate::console::{StatusLine, note, on_interrupt, print, print_json, warn};
 use crate::emulated::EmulatorArguments;
 use crate::failure::{Failure, Outcome};
 use crate::output::{json_line, to_standard_output};
@@ -121,6 +121,9 @@ impl Arguments {
     }
 }
 
+/// A crash loses less than this: files are written twice a second.
+const LOST_IN_A_CRASH_S: f64 = 1.0;
+
 /// What a replay counts.
 #[derive(Debug, Default, Serialize)]
 struct ReplayCounts {
@@ -174,6 +177,13 @@ impl ReplayArguments {
             return Ok(());
         }
         let frames = counted(counts.missing_frames, "frame");
+        if let Some(cut_off_s) = replay.cut_off_s().filter(|cut_off_s| *cut_off_s < LOST_IN_A_CRASH_S) {
+            note(&format!(
+                "the recording was cut off: {frames} of its last {cut_off_s:.2} s were not written yet, so what it says of them is not \
+                 what was said"
+            ));
+            return Ok(());
+        }
         Err(Failure::given(
             format!("the recordings of the skins lack {frames} that the robot took: they were cut off or damaged"),
             None,
@@ -208,6 +218,7 @@ impl CheckArguments {
         } else {
             print(&table(&report))?;
         }
+        report.warnings.iter().for_each(|text| warn(text));
         let overlapping = report.neighbours.iter().find(|pair| pair.overlap > 0.0);
         overlapping.map_or(Ok(()), |pair| {
             let [a, b] = &pair.skins;
@@ -222,14 +233,15 @@ fn table(report: &RobotReport) -> String {
     let base = report.base.as_deref().unwrap_or("none: without a robot description");
     let joints = if report.joints.is_empty() { "none".into() } else { report.joints.join(", ") };
     let mut text = format!("{}: base {base}, joints {joints}\n\n", report.robot);
-    text += "| skin | link | design | method | electrodes | cells | ms a frame | source |\n|---|---|---|---|--:|--:|--:|---|\n";
+    text += "| skin | link | design | method | forces | electrodes | cells | ms a frame | source |\n|---|---|---|---|---|--:|--:|--:|---|\n";
     for skin in &report.skins {
         text += &format!(
-            "| {} | {} | {} | {} | {} | {} | {:.2} | {} |\n",
+            "| {} | {} | {} | {} | {} | {} | {} | {:.2} | {} |\n",
             skin.skin,
             skin.link,
             skin.design,
             skin.method,
+            if skin.forces { "yes" } else { "no" },
             skin.electrodes,
             skin.cells,
             1e3 * skin.frame_s,
@@ -250,6 +262,13 @@ impl RunArguments {
         let end = Arc::clone(&ended);
         on_interrupt(move || end.store(true, Ordering::Relaxed))?;
         let heartbeat = self.watchdog.as_deref().map(watchdog::socket).transpose()?;
+        self.check_emulation(&robot)?;
+        // An address that is in use is known before the skins are prepared.
+        let mut page = self.page.serve_robot(&robot)?;
+        let server = match &self.jsonl {
+            Some(Lines::Tcp(address)) => Some(LineServer::start(address)?),
+            _ => None,
+        };
         let mut devices = RobotDevices::new(self.emulate);
         let waiting = crate::console::Progress::waiting("preparing the skins");
         let how = RobotOptions { rate_hz: self.rate, record: self.record.clone(), frames: self.ros2.ros2 };
@@ -257,12 +276,7 @@ impl RunArguments {
             RobotLive::start(&robot, &dermis_learn::methods(), &how, |skin| self.options(&robot, skin, &mut devices));
         drop(waiting);
         let mut live = started?;
-        let mut page = self.page.serve_robot(&robot)?;
         let mut ros2 = self.publisher(&robot, &live)?;
-        let server = match &self.jsonl {
-            Some(Lines::Tcp(address)) => Some(LineServer::start(address)?),
-            _ => None,
-        };
         server.iter().for_each(|server| note(&format!("lines of JSON are at tcp:{}", server.address())));
         let (begun, mut shown) = (Instant::now(), Instant::now());
         let line = StatusLine::new();
@@ -330,6 +344,18 @@ impl RunArguments {
         incomplete.map_or(Ok(()), |why| Err(Failure::given(format!("the recording is not complete: {why}"), None)))
     }
 
+    /// Refuses options of simulated devices where none is.
+    fn check_emulation(&self, robot: &Robot) -> Outcome {
+        let is_emulated = self.emulate || robot.skins().iter().any(|worn| worn.source == "emulate");
+        match self.emulator.changed() {
+            Some(option) if !is_emulated => {
+                let message = format!("{option} is of simulated devices, and no skin has one");
+                Err(Failure::given(message, Some("give --emulate too, or write source = \"emulate\"")))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// What publishes the robot.
     #[cfg(feature = "ros2")]
     fn publisher(&self, robot: &Robot, live: &RobotLive) -> Outcome<Option<RobotPublisher>> {
@@ -391,7 +417,8 @@ fn event_text(event: &RuleEvent) -> String {
             format!("{skin} is unknown: {}", reason.map_or("its force is not calibrated", |reason| reason.text()))
         }
     };
-    printable(&format!("{} begins ({cause})", event.rule)).into_owned()
+    let verb = if event.event == EventKind::Changes { "goes on" } else { "begins" };
+    printable(&format!("{} {verb} ({cause})", event.rule)).into_owned()
 }
 
 /// A line about all skins.

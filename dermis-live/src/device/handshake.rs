@@ -1,9 +1,9 @@
 //! Handshake with a device: its identity, its configuration, and a test of its readings.
 
-use crate::LiveError;
 use crate::device::line::{Address, Line};
 use crate::device::{DeviceOptions, READ_BYTES, SILENCE};
 use crate::device::{Role, ScanTable};
+use crate::{DeviceIdentity, LiveError};
 use dermis::pipeline::{Notice, Severity};
 use dermis::skin::Skin;
 use dermis::text::{counted, hexadecimal, printable};
@@ -78,7 +78,7 @@ impl Handshake<'_> {
     }
 
     fn refused(&self, message: String) -> LiveError {
-        LiveError::Refused { address: self.address.to_string(), message }
+        LiveError::Refused { address: self.address.to_string(), message, identity: None }
     }
 
     fn lost(&self, message: &std::io::Error) -> LiveError {
@@ -93,8 +93,13 @@ impl Handshake<'_> {
         let Ok(ToHost::Hello(hello)) = ToHost::parse(message) else {
             return Err(self.refused("its hello cannot be read".into()));
         };
-        check(&hello, self.address, self.skin, self.scan.slots().len(), self.options)
-            .map_err(|why| self.refused(why))?;
+        check(&hello, self.address, self.skin, self.scan.slots().len(), self.options).map_err(|message| {
+            LiveError::Refused {
+                address: self.address.to_string(),
+                message,
+                identity: Some(DeviceIdentity { design_sha256: hello.design_sha256, serial: hello.serial }),
+            }
+        })?;
         Ok(hello)
     }
 

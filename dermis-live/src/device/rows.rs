@@ -128,7 +128,7 @@ impl RowReader {
         self.wrong += 1;
         if self.wrong == self.rows && self.wrong >= FIRST_ROWS && self.stream.newest.is_none() {
             let message = format!("none of its first {FIRST_ROWS} rows fits the design: {error}");
-            return Err(LiveError::Refused { address: self.address.to_string(), message });
+            return Err(LiveError::Refused { address: self.address.to_string(), message, identity: None });
         }
         if self.wrong > REPORTED_AT_ONCE && self.reported_at.is_some_and(|at| at.elapsed() < REPORT) {
             self.unreported += 1;
@@ -163,7 +163,7 @@ impl RowReader {
                 "it ended after {} without a row that fits the design",
                 counted(self.lines.line_count(), "line")
             );
-            return LiveError::Refused { address, message };
+            return LiveError::Refused { address, message, identity: None };
         }
         LiveError::Ended { address }
     }

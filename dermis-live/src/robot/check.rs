@@ -5,10 +5,11 @@ use crate::clock;
 use crate::device::Address;
 use crate::robot::Prepared;
 use dermis::geom::Point3;
-use dermis::geom::vector::distance;
+use dermis::geom::vector::{centroid, distance};
 use dermis::method::{MethodSet, Methods};
 use dermis::pipeline::{Command, FrameInput, Pipeline, Settings, Timestamp};
-use dermis_robot::{Robot, SEAM_M, WornSkin};
+use dermis::skin::Skin;
+use dermis_robot::{Robot, Rule, SEAM_M, When, WornSkin};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
@@ -17,6 +18,8 @@ use std::time::{Duration, Instant};
 
 /// Frames that are timed.
 const TIMED: u32 = 100;
+/// Touched frames, of which contacts are confirmed by the second.
+const PRESSED: u32 = 5;
 /// Noise of the timed frames, of their values: that of a good instrument, so that each frame is another one.
 const NOISE: f64 = 1e-4;
 
@@ -38,6 +41,8 @@ pub struct RobotReport {
     pub cores: f64,
     /// The rate, frames per second.
     pub rate_hz: f64,
+    /// Rules that cannot do what they say, with the reason.
+    pub warnings: Vec<String>,
 }
 
 /// A skin of a [`RobotReport`].
@@ -62,6 +67,8 @@ pub struct SkinReport {
     pub cells: usize,
     /// Time of its pipeline for a frame, median, s.
     pub frame_s: f64,
+    /// Whether its contacts have forces, which take a calibration or a method that knows them.
+    pub forces: bool,
 }
 
 /// Two skins of one link.
@@ -87,7 +94,7 @@ pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotRepo
     let mut prepared = Prepared::new(methods);
     let sets: Vec<Arc<MethodSet>> = robot.skins().iter().map(|worn| prepared.of(worn)).collect::<Result<_, _>>()?;
     let mut skins: Vec<SkinReport> = Vec::new();
-    for ((worn, set), frame_s) in robot.skins().iter().zip(&sets).zip(frame_times(&sets)?) {
+    for ((worn, set), (frame_s, forces)) in robot.skins().iter().zip(&sets).zip(try_frames(&sets)?) {
         let skin = set.skin();
         skins.push(SkinReport {
             skin: worn.name.clone(),
@@ -99,6 +106,7 @@ pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotRepo
             channels: skin.design().protocol.channel_count(),
             cells: skin.mesh().cell_count(),
             frame_s,
+            forces,
         });
     }
     let places: Vec<Vec<Point3>> = robot.skins().iter().zip(&sets).map(|(worn, set)| places(worn, set)).collect();
@@ -125,6 +133,7 @@ pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotRepo
         robot: robot.name().into(),
         base: robot.base().map(String::from),
         joints: joints.unwrap_or_default(),
+        warnings: robot.rules().iter().filter_map(|rule| without_forces(rule, &skins)).collect(),
         cores: rate_hz * skins.iter().map(|skin| skin.frame_s).sum::<f64>(),
         skins,
         neighbours,
@@ -137,9 +146,46 @@ fn places(worn: &WornSkin, set: &MethodSet) -> Vec<Point3> {
     set.skin().pixels().centres_m.iter().map(|place| worn.origin.point(*place)).collect()
 }
 
-/// The median time of each pipeline for a frame, s: of untouched frames of the model with noise, all pipelines in turn, as they
-/// share the processor's caches.
-fn frame_times(sets: &[Arc<MethodSet>]) -> Result<Vec<f64>, LiveError> {
+/// Why a rule of forces is about skins without.
+fn without_forces(rule: &Rule, skins: &[SkinReport]) -> Option<String> {
+    let without: Vec<&str> = rule
+        .skins
+        .iter()
+        .map(|&skin| &skins[skin])
+        .filter(|skin| !skin.forces)
+        .map(|skin| skin.skin.as_str())
+        .collect();
+    (matches!(rule.when, When::ForceN(_)) && !without.is_empty()).then(|| {
+        format!(
+            "the rule `{}` needs forces, and {} gives none: every touch of it is of an unknown force; calibrate it with labels that have \
+             a force",
+            rule.name,
+            without.join(", ")
+        )
+    })
+}
+
+/// A frame of the model, touched near the middle of the skin: half the conductance more, or a third less, around a place.
+fn touched(skin: &Skin) -> Result<Vec<f64>, LiveError> {
+    const WIDTH_M: f64 = 0.008;
+    let (mesh, model) = (skin.mesh(), skin.forward());
+    let middle_m = centroid(&mesh.nodes);
+    let apart_m = |place: &&Point3| distance(**place, middle_m);
+    let centres = &skin.pixels().centres_m;
+    let place_m = centres.iter().min_by(|a, b| apart_m(a).total_cmp(&apart_m(b))).copied().unwrap_or(middle_m);
+    let sign = skin.design().sheet.touch.sign();
+    let change = |cell: usize| {
+        let away = distance(mesh.cell_centre(cell), place_m) / WIDTH_M;
+        (0.4 * sign * (-0.5 * away * away).exp()).exp()
+    };
+    let conductivity: Vec<f64> =
+        model.rest_conductivity().iter().enumerate().map(|(cell, rest)| rest * change(cell)).collect();
+    Ok(model.solve(&conductivity).map_err(dermis::Error::from)?.0)
+}
+
+/// The median time of each pipeline for a frame, s, of untouched frames of the model with noise, all pipelines in turn, as they
+/// share the processor's caches; and whether the contacts of a touch have forces.
+fn try_frames(sets: &[Arc<MethodSet>]) -> Result<Vec<(f64, bool)>, LiveError> {
     let settings = Settings { force_tare: true, ..Settings::default() };
     let tare = settings.tare_frames as u32;
     let pipeline = |set: &Arc<MethodSet>| Pipeline::new(Arc::clone(set), settings.clone());
@@ -168,5 +214,22 @@ fn frame_times(sets: &[Arc<MethodSet>]) -> Result<Vec<f64>, LiveError> {
         times_s.sort_by(f64::total_cmp);
         times_s[times_s.len() / 2]
     };
-    Ok(times_s.into_iter().map(median).collect())
+    let at = begun.after(Duration::from_millis(8 * u64::from(tare + TIMED)));
+    let mut forces = Vec::new();
+    for pipeline in &mut pipelines {
+        let values = touched(pipeline.skin())?;
+        let mut has_forces = false;
+        for index in 0..PRESSED {
+            let noisy = values.iter().map(|value| value * (1.0 + NOISE * (random.random::<f64>() - 0.5))).collect();
+            let input = FrameInput::new(
+                u64::from(tare + TIMED + index),
+                at.after(Duration::from_millis(8 * u64::from(index))),
+                noisy,
+            );
+            let frame = pipeline.process(input)?;
+            has_forces |= frame.contacts.iter().any(|tracked| tracked.contact.force_n.is_finite());
+        }
+        forces.push(has_forces);
+    }
+    Ok(times_s.into_iter().map(median).zip(forces).collect())
 }

@@ -56,6 +56,10 @@ const WAITING: usize = 256;
 const AGAIN: Duration = Duration::from_secs(1);
 /// Shortest time between two notices of joint states.
 const JOINT_NOTICE: Duration = Duration::from_secs(2);
+/// Joint states are missing after this time.
+const JOINTS_MISSING: Duration = Duration::from_secs(1);
+/// Joint states in a row that are off the clock by more than `age_s`: fewer are late by chance.
+const OFF_CLOCK: u32 = 10;
 /// Longest datagram of joint states, bytes: that of UDP.
 const DATAGRAM: usize = 1 << 16;
 
@@ -112,7 +116,12 @@ enum Incoming {
     Skin(usize, Event),
     /// A skin is no longer read.
     Ended(usize),
-    Joints(Timestamp, JointStates),
+    Joints {
+        at: Timestamp,
+        states: JointStates,
+        /// Whether the time is that of the message, and not of its arrival.
+        is_stamped: bool,
+    },
     Wrong(String),
 }
 
@@ -132,6 +141,8 @@ struct Reader {
     live: Option<(Live, JoinHandle<()>)>,
     /// When it is read again.
     again: Option<Instant>,
+    /// Why it was not read when it was tried last: said once.
+    said: String,
 }
 
 /// Skins with their methods: equal ones are prepared once.
@@ -164,6 +175,11 @@ pub struct RobotLive {
     incoming: Arc<Mailbox<Incoming>>,
     joints: Option<(JoinHandle<()>, Arc<AtomicBool>)>,
     joint_notice: Option<Instant>,
+    /// When joint states came last, and whether it was said that they do not.
+    joints_seen: Instant,
+    are_joints_missing: bool,
+    /// Joint states in a row whose times are not those of this clock.
+    off_clock: u32,
     recording: Option<RobotRecording>,
     frames: bool,
     waiting: VecDeque<RobotOutput>,
@@ -191,16 +207,22 @@ impl RobotLive {
         mut options: impl FnMut(usize) -> Result<LiveOptions, E>,
     ) -> Result<Self, E> {
         let incoming = Arc::new(Mailbox::new(WAITING * robot.skins().len()));
-        let joints = match robot.joint_source() {
-            JointSource::None => None,
-            JointSource::Udp(address) => Some(listen(address, &incoming)?),
-            JointSource::Ros2(topic) => Some(subscribe(topic, &incoming)?),
+        // An address that is in use is known before the skins are prepared.
+        let socket = match robot.joint_source() {
+            JointSource::Udp(address) => Some(bind(address)?),
+            JointSource::None | JointSource::Ros2(_) => None,
         };
         let (mut prepared, mut readers) = (Prepared::new(methods), Vec::new());
         for (index, worn) in robot.skins().iter().enumerate() {
             let methods = prepared.of(worn)?;
-            readers.push(Reader { options: options(index)?, methods, live: None, again: Some(Instant::now()) });
+            let again = Some(Instant::now());
+            readers.push(Reader { options: options(index)?, methods, live: None, again, said: String::new() });
         }
+        let joints = match (socket, robot.joint_source()) {
+            (Some(socket), _) => Some(listen(socket, &incoming)),
+            (None, JointSource::Ros2(topic)) => Some(subscribe(topic, &incoming)?),
+            (None, _) => None,
+        };
         let recording = how.record.as_ref().map(|folder| RobotRecording::create(robot, folder)).transpose()?;
         let mut robot = RobotLive {
             state: RobotState::new(Arc::clone(robot)),
@@ -208,6 +230,9 @@ impl RobotLive {
             incoming,
             joints,
             joint_notice: None,
+            joints_seen: Instant::now(),
+            are_joints_missing: false,
+            off_clock: 0,
             recording,
             frames: how.frames,
             waiting: VecDeque::new(),
@@ -277,6 +302,7 @@ impl RobotLive {
             if now >= self.next_snapshot {
                 // A late snapshot is not made up for.
                 self.next_snapshot = (self.next_snapshot + self.interval).max(now);
+                self.check_joints();
                 let at = clock::now();
                 self.record(at, || Input::Snapshot);
                 let events = self.state.tick(at);
@@ -334,6 +360,7 @@ impl RobotLive {
                 let (measured_at, rate_hz) = (frame.result.measured_at, frame.result.health.rate_hz);
                 self.record(now, || Input::Frame { skin: self.name(skin), measured_at, rate_hz });
                 let events = self.state.frame(skin, &frame.result, now);
+                self.readers[skin].said.clear();
                 self.show(skin, frame);
                 events
             }
@@ -357,11 +384,11 @@ impl RobotLive {
             }
             Incoming::Skin(_, Event::Done(_) | Event::State(_)) => Vec::new(),
             Incoming::Ended(skin) => self.ended(skin, now),
-            Incoming::Joints(at, states) => {
+            Incoming::Joints { at, states, is_stamped } => {
                 let given: Vec<(&str, f64)> =
                     states.name.iter().map(String::as_str).zip(states.position.iter().copied()).collect();
                 match self.joints(at, &given) {
-                    Ok(()) => self.check_clock(at, now),
+                    Ok(()) => self.have_joints(at, now, is_stamped),
                     Err(error) => self.joint_notice(error),
                 }
                 Vec::new()
@@ -374,16 +401,42 @@ impl RobotLive {
         self.queue(events);
     }
 
-    /// Joint states of another time are of no frame.
-    fn check_clock(&mut self, at: Timestamp, now: Timestamp) {
+    /// Joint states have come. Those of another time are of no frame: several in a row are of another clock.
+    fn have_joints(&mut self, at: Timestamp, now: Timestamp, is_stamped: bool) {
+        self.joints_seen = Instant::now();
+        if std::mem::take(&mut self.are_joints_missing) {
+            let text = "joint states arrive again".into();
+            self.notice(None, Notice { level: Severity::Info, text, at: now });
+        }
         let age_s = now.seconds_since(at);
-        if age_s.abs() > self.state.robot().age_s() {
+        let is_off = is_stamped && age_s.abs() > self.state.robot().age_s();
+        self.off_clock = if is_off { self.off_clock + 1 } else { 0 };
+        if self.off_clock >= OFF_CLOCK {
             let relation = if age_s > 0.0 { "old" } else { "ahead of this clock" };
             let text = format!(
                 "the joint states are {:.2} s {relation}: positions in the frame of the base are unknown; set both clocks alike",
                 age_s.abs()
             );
             self.joint_notice(text);
+        }
+    }
+
+    /// Says once that joint states do not come.
+    fn check_joints(&mut self) {
+        let robot = self.state.robot();
+        let source = match robot.joint_source() {
+            _ if robot.needed_joints().is_empty() => return,
+            JointSource::None => return,
+            JointSource::Udp(address) => format!("udp:{address}"),
+            JointSource::Ros2(topic) => format!("the topic {topic}"),
+        };
+        let silent = self.joints_seen.elapsed();
+        if silent > JOINTS_MISSING && !std::mem::replace(&mut self.are_joints_missing, true) {
+            let text = format!(
+                "no joint states from {source} for {:.0} s: positions in the frame of the base are unknown",
+                silent.as_secs_f64()
+            );
+            self.error(None, text);
         }
     }
 
@@ -409,17 +462,50 @@ impl RobotLive {
     fn ended(&mut self, skin: usize, now: Timestamp) -> Vec<RuleEvent> {
         let reader = &mut self.readers[skin];
         reader.again = Some(Instant::now() + AGAIN);
+        let mut reason = UnknownReason::Unserved;
         if let Some((live, forward)) = reader.live.take() {
-            let why = live.take_failure().map_or_else(|| "it is no longer read".into(), |error| error.to_string());
+            let failure = live.take_failure();
             // It continues with its baseline.
             reader.options.state = Some(live.stop());
             let _ = forward.join();
-            self.error(Some(skin), format!("{why}; it is tried again"));
+            reason = self.say_failure(skin, failure.as_ref());
         }
         if let Some(recording) = &mut self.recording {
             recording.end(skin);
         }
-        self.fault(skin, UnknownReason::Unserved, now)
+        self.fault(skin, reason, now)
+    }
+
+    /// Says why a skin is not read, once for each reason; a device of another skin of the robot is named.
+    fn say_failure(&mut self, skin: usize, failure: Option<&LiveError>) -> UnknownReason {
+        let identity = match failure {
+            Some(LiveError::Refused { identity, .. }) => *identity,
+            _ => None,
+        };
+        let owner = identity.and_then(|identity| {
+            let skins = self.state.robot().skins().iter().zip(&self.readers).enumerate();
+            let is_its = |worn: &WornSkin, reader: &Reader| {
+                reader.methods.skin().design().sha256() == identity.design_sha256
+                    && worn.serial.is_none_or(|serial| serial == identity.serial)
+            };
+            let mut owners = skins.filter(|(other, (worn, reader))| *other != skin && is_its(worn, reader));
+            owners.next().map(|(_, (worn, _))| (worn.name.clone(), identity.serial))
+        });
+        let (text, reason) = match (&owner, failure) {
+            (Some((owner, serial)), _) => {
+                let text = format!(
+                    "the device has the serial number {serial} and is that of `{owner}`: swap the cables, or the `source`s of both"
+                );
+                (text, UnknownReason::OtherDevice)
+            }
+            (None, Some(error)) => (format!("{error}; it is tried again"), UnknownReason::Unserved),
+            (None, None) => ("it is no longer read; it is tried again".into(), UnknownReason::Unserved),
+        };
+        if self.readers[skin].said != text {
+            self.readers[skin].said.clone_from(&text);
+            self.error(Some(skin), text);
+        }
+        reason
     }
 
     fn fault(&mut self, skin: usize, reason: UnknownReason, now: Timestamp) -> Vec<RuleEvent> {
@@ -451,8 +537,8 @@ impl RobotLive {
                 | LiveError::Ended { .. }),
             ) => {
                 reader.again = Some(Instant::now() + AGAIN);
-                self.error(Some(skin), error.to_string());
-                let events = self.fault(skin, UnknownReason::Unserved, clock::now());
+                let reason = self.say_failure(skin, Some(&error));
+                let events = self.fault(skin, reason, clock::now());
                 self.queue(events);
                 return Ok(());
             }
@@ -478,25 +564,37 @@ impl RobotLive {
     }
 }
 
-/// Receives joint states.
-fn listen(address: &str, incoming: &Arc<Mailbox<Incoming>>) -> Result<(JoinHandle<()>, Arc<AtomicBool>), LiveError> {
+/// A socket for joint states.
+fn bind(address: &str) -> Result<UdpSocket, LiveError> {
     let failed = |error: std::io::Error| {
         let fix = "write joints = \"udp:HOST:PORT\" with an address of this machine and a free port";
         LiveError::Given(format!("cannot receive joint states at {address}: {error}; {fix}"))
     };
     let socket = UdpSocket::bind(address).map_err(failed)?;
     socket.set_read_timeout(Some(runtime::POLL)).map_err(failed)?;
+    Ok(socket)
+}
+
+/// Receives joint states, without those that came before.
+fn listen(socket: UdpSocket, incoming: &Arc<Mailbox<Incoming>>) -> (JoinHandle<()>, Arc<AtomicBool>) {
     let (incoming, is_stopped) = (Arc::clone(incoming), Arc::new(AtomicBool::new(false)));
     let stopped = Arc::clone(&is_stopped);
     let run = move || {
         let mut datagram = vec![0; DATAGRAM];
+        if socket.set_nonblocking(true).is_ok() {
+            while socket.recv(&mut datagram).is_ok() {}
+        }
+        // A socket that does not block would be asked without end.
+        if socket.set_nonblocking(false).is_err() {
+            return;
+        }
         while !stopped.load(Ordering::Relaxed) {
             if let Ok(length) = socket.recv(&mut datagram) {
                 incoming.put(joint_states(&datagram[..length], clock::now()));
             }
         }
     };
-    Ok((runtime::spawn("dermis-joints", run), is_stopped))
+    (runtime::spawn("dermis-joints", run), is_stopped)
 }
 
 /// Subscribes to joint states of ROS 2.
@@ -513,7 +611,7 @@ fn subscribe(topic: &str, incoming: &Arc<Mailbox<Incoming>>) -> Result<(JoinHand
             match states.take() {
                 Ok(Some((stamp, state))) => {
                     let states = JointStates { stamp_s: None, name: state.name, position: state.position };
-                    incoming.put(states.taken(stamp.unwrap_or_else(clock::now)));
+                    incoming.put(states.taken(stamp, clock::now()));
                 }
                 Ok(None) => std::thread::sleep(LOOK),
                 Err(error) => {
@@ -534,9 +632,9 @@ fn subscribe(topic: &str, _: &Arc<Mailbox<Incoming>>) -> Result<(JoinHandle<()>,
 
 impl JointStates {
     /// As they come in.
-    fn taken(self, at: Timestamp) -> Incoming {
+    fn taken(self, stamp: Option<Timestamp>, arrived: Timestamp) -> Incoming {
         if self.name.len() == self.position.len() {
-            return Incoming::Joints(at, self);
+            return Incoming::Joints { at: stamp.unwrap_or(arrived), states: self, is_stamped: stamp.is_some() };
         }
         let (names, positions) = (self.name.len(), self.position.len());
         Incoming::Wrong(format!("joint states with {names} names and {positions} positions: give one for each"))
@@ -550,10 +648,13 @@ fn joint_states(datagram: &[u8], arrived: Timestamp) -> Incoming {
         Ok(states) => states,
         Err(error) => return Incoming::Wrong(format!("joint states that cannot be read: {error}; {SHAPE}")),
     };
-    let at = match states.stamp_s {
-        None => arrived,
-        Some(seconds) if (0.0..1e10).contains(&seconds) => Timestamp { unix_ns: (seconds * 1e9).round() as u64 },
-        Some(seconds) => return Incoming::Wrong(format!("joint states of the time {seconds} s: it is since 1970")),
+    let stamp = match states.stamp_s {
+        None => None,
+        Some(seconds) if (0.0..1e10).contains(&seconds) => Some(Timestamp { unix_ns: (seconds * 1e9).round() as u64 }),
+        Some(seconds) => {
+            let text = format!("joint states of the time {seconds}: `stamp_s` is in seconds since 1970");
+            return Incoming::Wrong(text);
+        }
     };
-    states.taken(at)
+    states.taken(stamp, arrived)
 }

@@ -195,6 +195,9 @@ pub struct RobotReplay {
     skins: Vec<SkinReplay>,
     waiting: VecDeque<RobotOutput>,
     missing: u64,
+    /// When the first frame that is missing was taken, and the last input.
+    first_missing: Option<Timestamp>,
+    last: Timestamp,
 }
 
 impl std::fmt::Debug for RobotReplay {
@@ -224,6 +227,8 @@ impl RobotReplay {
             line: 0,
             waiting: VecDeque::new(),
             missing: 0,
+            first_missing: None,
+            last: Timestamp::default(),
         })
     }
 
@@ -235,6 +240,11 @@ impl RobotReplay {
     /// Frames that the recordings of the skins do not hold, because they were cut off or damaged.
     pub fn missing_frames(&self) -> u64 {
         self.missing
+    }
+
+    /// How long before its end the recording lacks frames, s, if it lacks any: less than a second after a crash or a kill.
+    pub fn cut_off_s(&self) -> Option<f64> {
+        self.first_missing.map(|first| self.last.seconds_since(first))
     }
 
     /// The next event or snapshot; `None` at the end. A last line that was cut off is left out.
@@ -269,6 +279,7 @@ impl RobotReplay {
     }
 
     fn take(&mut self, at: Timestamp, input: Input) -> Result<Vec<RobotOutput>, LiveError> {
+        self.last = at;
         let events = |events: Vec<RuleEvent>| Ok(events.into_iter().map(RobotOutput::Event).collect());
         match input {
             Input::Read { skin, file } => {
@@ -285,6 +296,7 @@ impl RobotReplay {
                     }
                     None => {
                         self.missing += 1;
+                        self.first_missing.get_or_insert(at);
                         Ok(Vec::new())
                     }
                 }

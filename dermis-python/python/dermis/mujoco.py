@@ -621,7 +621,10 @@ def _convex_pieces(nodes: NDArray[np.float64], cells: NDArray[np.int64]) -> Iter
         points, outward = nodes[used], of_nodes[used]
         has_edge = np.isin(of_cell, part)
         rise_m = max(_rise(points, points, outward), _rise(points, ends[has_edge, 0], beyond[has_edge]))
-        if (outward @ outward.mean(axis=0)).min() < 0.5 * np.linalg.norm(outward.mean(axis=0)):
+        # At a sharp fold even a single cell faces two sides, by the normals of its nodes.
+        if len(part) == 1:
+            yield np.concatenate([points, points - _WALL_M * outward])
+        elif (outward @ outward.mean(axis=0)).min() < 0.5 * np.linalg.norm(outward.mean(axis=0)):
             # It faces more than one side.
             waiting += _halves(part, normals)
         elif rise_m > 2 * _HULL_M:

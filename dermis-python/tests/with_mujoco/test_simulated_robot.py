@@ -6,7 +6,7 @@ import pytest
 import dermis
 
 mujoco = pytest.importorskip("mujoco")
-from dermis.mujoco import SimulatedRobot, describe, wear  # noqa: E402
+from dermis.mujoco import SimulatedRobot, _convex_pieces, describe, wear  # noqa: E402
 
 # Two joints in a body, joints off the origin, references, a slanted axis, a slide, turned bodies, bodies and joints
 # without names, a ball, a free body.
@@ -101,10 +101,11 @@ def test_a_description_has_the_poses_of_the_model(tmp_path):
 class Bench:
     """The arm with two skins, and a finger that is pressed on them."""
 
-    def __init__(self, folder, **options):
+    def __init__(self, folder, skins, **options):
         spec = mujoco.MjSpec.from_string(ARM)
         rule = '\n[[rule]]\nname = "stop"\non = ["*"]\nwhen = "contact"\nunknown = "ignore"\n'
-        text = SKIN.format("upper") + SKIN.format("cuff") + ORIGIN + rule
+        # The cuff is the last one.
+        text = "".join(map(SKIN.format, skins)) + ORIGIN + rule
         whole = spec.copy()
         whole.compiler.fusestatic = False
         self.whole = whole.compile()
@@ -150,7 +151,7 @@ POINT, NORMAL = np.array([0.0, 0.05, 0.16]), np.array([0.0, 1.0, 0.0])
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    return Bench(tmp_path_factory.mktemp("robot"))
+    return Bench(tmp_path_factory.mktemp("robot"), ["upper", "cuff"])
 
 
 def pressed(bench, name, share=0.3):
@@ -195,7 +196,7 @@ def test_a_press_is_found_on_its_link_and_its_truth_is_the_force_of_the_finger(b
 
 
 def test_what_is_delivered_late_is_known_late(tmp_path):
-    late = Bench(tmp_path, delay_s=0.05)
+    late = Bench(tmp_path, ["cuff"], delay_s=0.05)
     sensed, _ = late.run(3)
     assert sensed[-1][1]["skins"][0]["reason"] == "absent"
     late.run(20)
@@ -208,7 +209,7 @@ def test_what_is_delivered_late_is_known_late(tmp_path):
     (event_s, event), *_ = events
     assert (event["rule"], event["event"]) == ("stop", "begins")
     assert 1 / 120 - 0.002 <= event_s - first_s <= 3 / 120
-    ages = [snapshot["skins"][1]["age_s"] for _, snapshot in sensed]
+    ages = [snapshot["skins"][0]["age_s"] for _, snapshot in sensed]
     assert 0.05 - 1e-6 <= min(ages) and max(ages) < 0.05 + 1 / 120 + 0.0011
 
 
@@ -258,6 +259,12 @@ def test_geoms_follow_a_skin_with_a_waist_and_a_slit(tmp_path, around):
         ]
         radius = np.hypot(*bank[:2])
         assert touches([radius, 0, bank[2]]) == touches([radius - 0.002, 0, bank[2]]) == (around == "0..360")
+
+
+def test_a_sharp_fold_is_cut_to_its_cells():
+    nodes = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.05, 0.1, 0.0], [0.05, 0.1, 0.01]])
+    pieces = list(_convex_pieces(nodes, np.array([[0, 1, 2], [1, 0, 3]])))
+    assert sorted(len(piece) for piece in pieces) == [6, 6]
 
 
 def turned(profile, sides=48):

@@ -52,6 +52,7 @@ use crate::mesh::Cells;
 use fit::{Fit, Fitted, Touch, UNKNOWNS};
 use form::{Density, Form};
 use responses::Responses;
+use std::f64::consts::{LN_2, PI};
 use thiserror::Error;
 
 /// The touches of a skin.
@@ -241,23 +242,51 @@ impl Refiner {
         let [along, across] = density.half_extents_m();
         let sd_m = sd_m(fitted.place_covariance_m2(index, fit));
         let is_there = 1.0 / (1.0 + (-0.5 * fitted.odds(index, fit)).exp());
-        let is_near = 1.0 - (-0.5 * (GATE_M / sd_m).powi(2)).exp();
         Contact {
             position_m: touch.place.point_m,
             normal: touch.place.axes[2],
             strength: fitted.strength_m2(index, fit),
             // A rectangle with two half disks.
-            area_m2: across * (4.0 * (along - across) + std::f64::consts::PI * across),
+            area_m2: across * (4.0 * (along - across) + PI * across),
             direction: touch.place.vector(density.axis),
             half_length_m: along,
             half_width_m: across,
             force_n: f64::NAN,
             force_sd_n: f64::NAN,
             sd_m,
-            confidence: is_there * is_near,
+            confidence: is_there * is_near(sd_m),
             ..contact
         }
     }
+}
+
+/// A contact with the deviation that the edge of the skin adds, at a distance from it, m; `NaN` where there is none.
+///
+/// A touch that reaches beyond the edge may lose what lies there, or press it onto the skin beside the edge, as a ball does on a foam
+/// that ends. The middle of what the skin bears is then displaced by up to that of a Gaussian that is cut off, `w phi(c/w) /
+/// Phi(c/w)` for the width `w` and the distance `c` (Johnson, Kotz and Balakrishnan 1994, Continuous Univariate Distributions 1,
+/// 13.135); the part that is displaced is not known: it is uniform from 0 to 1.
+pub(crate) fn with_edge(contact: Contact, edge_m: f64) -> Contact {
+    let shift_m = cut_off_m(contact.half_width_m / (2.0 * LN_2).sqrt(), edge_m);
+    if shift_m.is_nan() {
+        return contact;
+    }
+    let sd_m = contact.sd_m.hypot(sd_m([shift_m * shift_m / 3.0, 0.0, 0.0]));
+    Contact { sd_m, confidence: contact.confidence * is_near(sd_m) / is_near(contact.sd_m), ..contact }
+}
+
+/// By how much the mean of a Gaussian of the width `width_m` moves when what is farther than `edge_m` on one side is cut off, m. The
+/// distribution function is that of Abramowitz and Stegun (1964), 26.2.16, right to `1e-5`.
+fn cut_off_m(width_m: f64, edge_m: f64) -> f64 {
+    let z = edge_m / width_m;
+    let density = (-0.5 * z * z).exp() / (2.0 * PI).sqrt();
+    let t = 1.0 / (1.0 + 0.332_67 * z);
+    width_m * density / (1.0 - density * t * (0.436_183_6 + t * (-0.120_167_6 + t * 0.937_298)))
+}
+
+/// The probability that a place is within the distance at which it counts as that of a touch.
+fn is_near(sd_m: f64) -> f64 {
+    1.0 - (-0.5 * (GATE_M / sd_m).powi(2)).exp()
 }
 
 /// The standard deviation per axis of a round distribution whose circle of 95 % is as large as that of a covariance (of the

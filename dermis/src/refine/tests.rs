@@ -323,3 +323,18 @@ fn bad_input_is_refused_with_its_name() {
     assert!(refused(&[0.1; 3], good).contains("3 standard deviations, but the protocol has 208 channels"));
     assert!(refused(&[0.0; 208], good).contains("no channel has a finite and positive"));
 }
+
+/// Against the mean of a Gaussian that is cut off, by the midpoint rule.
+#[test]
+fn the_mean_of_a_gaussian_that_is_cut_off_is_right() {
+    for edge_m in [0.0, 0.004, 0.01, 0.03] {
+        let (width_m, step_m) = (0.01, 1e-5);
+        let density = |x_m: f64| (-0.5 * (x_m / width_m).powi(2)).exp();
+        let places = || (0..).map(|k| edge_m - (f64::from(k) + 0.5) * step_m).take_while(|x_m| *x_m > -0.1);
+        let mean_m = places().map(|x_m| x_m * density(x_m)).sum::<f64>() / places().map(density).sum::<f64>();
+        assert!((cut_off_m(width_m, edge_m) + mean_m).abs() < 1e-6, "{edge_m}: {mean_m}");
+    }
+    let far = with_edge(Contact { half_width_m: 0.01, sd_m: 0.001, ..contact([0.0; 3]) }, 0.1);
+    assert!((far.sd_m - 0.001).abs() < 1e-9, "{}", far.sd_m);
+    assert_eq!(with_edge(Contact { half_width_m: 0.01, sd_m: 0.001, ..contact([0.0; 3]) }, f64::NAN).sd_m, 0.001);
+}
