@@ -121,7 +121,7 @@ fn check(fault: &str) {
     }
 }
 
-const FAULTS: [&str; 5] = ["absent", "swapped", "unplug@3", "silent@3+60", "freeze@3+60"];
+const FAULTS: [&str; 5] = ["absent", "swapped", "unplug@3+60", "silent@3+60", "freeze@3+60"];
 
 #[test]
 fn a_fault_of_one_skin_does_not_reach_the_others() {

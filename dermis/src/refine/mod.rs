@@ -271,8 +271,9 @@ pub(crate) fn with_edge(contact: Contact, edge_m: f64) -> Contact {
     if shift_m.is_nan() {
         return contact;
     }
-    let sd_m = contact.sd_m.hypot(sd_m([shift_m * shift_m / 3.0, 0.0, 0.0]));
-    Contact { sd_m, confidence: contact.confidence * is_near(sd_m) / is_near(contact.sd_m), ..contact }
+    let sd_m = contact.sd_m.hypot(shift_m / 3.0_f64.sqrt() * sd_m([1.0, 0.0, 0.0]));
+    let less = is_near(sd_m) / is_near(contact.sd_m);
+    Contact { sd_m, confidence: contact.confidence * if less.is_finite() { less } else { 1.0 }, ..contact }
 }
 
 /// By how much the mean of a Gaussian of the width `width_m` moves when what is farther than `edge_m` on one side is cut off, m. The
