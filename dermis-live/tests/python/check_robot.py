@@ -88,7 +88,7 @@ def main(domain, seconds):
     assert "dermis palm: electrodes" in diagnosed(), diagnosed()
     zones = json.loads(touched[-1].data)
     assert {skin["skin"] for skin in zones["skins"]} == {"forearm", "palm"}, zones
-    assert json.loads(seen["events"][0].data)["event"] in ("begins", "ends")
+    assert json.loads(seen["events"][0].data)["event"] in ("begins", "changes", "ends")
 
 
 main(*sys.argv[1:])

@@ -10,7 +10,7 @@ use crate::frame::{Frame, broken_channels, contradicting_channels, disconnected_
 use crate::identify::{Identifier, IdentifyOptions};
 use crate::image::PixelSpace;
 use crate::reconstruct::{MIN_UNTOUCHED_FRAMES, Quantity, Reconstruct, ReconstructError};
-use crate::refine::{RefineOptions, Refiner, with_edge};
+use crate::refine::{RefineOptions, Refiner};
 use crate::stats::rms;
 use std::sync::{Arc, OnceLock};
 
@@ -182,10 +182,8 @@ impl Reconstruct for Refined {
         let Refinement::Prepared(refiner, factors) = &self.refinement else { return };
         let sign = self.design.sheet.touch.sign();
         let of_model = difference.iter().zip(factors.iter()).map(|(value, factor)| sign * value * factor);
-        refiner.refine(&of_model.collect::<Vec<f64>>(), contacts);
-        for contact in contacts.iter_mut().filter(|contact| contact.half_width_m.is_finite()) {
-            *contact = with_edge(*contact, self.pixels().edge_distance_m(contact.position_m));
-        }
+        let edge_m = |place_m| self.pixels().edge_distance_m(place_m);
+        refiner.refine_by_edges(&of_model.collect::<Vec<f64>>(), contacts, &edge_m);
         if self.method.detection().forces.is_some() {
             for contact in contacts.iter_mut().filter(|contact| contact.force_n.is_nan()) {
                 [contact.force_n, contact.force_sd_n] = FORCES.of(contact.strength);

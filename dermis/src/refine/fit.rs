@@ -445,12 +445,28 @@ impl Fitted {
         let grain_m2 = fit.options.grain_m * fit.options.grain_m;
         let unit = UNITS[0] * UNITS[1];
         let at = |i: usize, j: usize| self.covariance.at(first + i, first + j);
-        let [(scale, _), ..] = fit.scales();
-        let less = (2.0 / PI - 1.0 / (WIDTH_TAIL * WIDTH_TAIL)) / (scale * scale);
+        let less = fit.less_of_width();
         let factor = less / (1.0 - less * at(2, 2));
         let [a, b, c] = [(0, 0), (0, 1), (1, 1)].map(|(i, j)| unit * (at(i, j) + factor * at(i, 2) * at(j, 2)));
         let grain = self.state.responses[index].grain_m2;
         [a + grain_m2 * grain[0], b + grain_m2 * grain[1], c + grain_m2 * grain[2]]
+    }
+}
+
+impl Fitted {
+    /// The width of a touch one standard deviation above its own, over its own, by the tails of its prior.
+    pub(super) fn wide(&self, index: usize, fit: &Fit<'_>) -> f64 {
+        let variance = self.covariance.at(UNKNOWNS * index + 2, UNKNOWNS * index + 2);
+        let sd = (variance / (1.0 - fit.less_of_width() * variance)).sqrt();
+        (UNITS[2] * sd).exp().min(WIDEST * (-self.state.touches[index].form.log_width).exp())
+    }
+}
+
+impl Fit<'_> {
+    /// By how much the tails of the prior of the width are less precise than its middle, in its unit.
+    fn less_of_width(&self) -> f64 {
+        let [(scale, _), ..] = self.scales();
+        (2.0 / PI - 1.0 / (WIDTH_TAIL * WIDTH_TAIL)) / (scale * scale)
     }
 }
 

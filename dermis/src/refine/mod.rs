@@ -204,6 +204,21 @@ impl Refiner {
     /// # Panics
     /// If the difference has another length than the protocol.
     pub fn refine(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
+        self.refine_by_edges(difference, contacts, &|_| f64::NAN);
+    }
+
+    /// The same on a skin with edges, from the distance of a place to the nearest one, m; `NaN` where there is none.
+    ///
+    /// A touch that reaches beyond the edge may lose what lies there, or press it onto the skin beside the edge, as a ball does
+    /// on a foam that ends. The middle of what the skin bears is then displaced by up to that of a Gaussian that is [cut
+    /// off](cut_off_m). The part that is displaced is not known: it is uniform from 0 to 1, which adds to the deviation. The
+    /// width is one deviation above that of the fit, which is narrow where an edge hides how wide a touch is.
+    pub(crate) fn refine_by_edges(
+        &self,
+        difference: &[f64],
+        contacts: &mut Vec<Contact>,
+        edge_m: &dyn Fn(Point3) -> f64,
+    ) {
         let values = self.responses.whitened(difference);
         let count = self.responses.value_count() as f64;
         if self.responses.value_count() < VALUES_PER_UNKNOWN * UNKNOWNS * contacts.len().max(1) {
@@ -230,17 +245,27 @@ impl Refiner {
                 new_id += 1;
                 Contact { id: new_id - 1, ..Contact::truth([f64::NAN; 3], [f64::NAN; 3], f64::NAN) }
             });
-            self.refined(contact, &fitted, index, &fit)
+            self.refined(contact, &fitted, index, &fit, edge_m)
         };
         *contacts = order.into_iter().map(refined).collect();
     }
 
     /// A contact with the place, form, strength and deviation of a touch.
-    fn refined(&self, contact: Contact, fitted: &Fitted, index: usize, fit: &Fit<'_>) -> Contact {
+    fn refined(
+        &self,
+        contact: Contact,
+        fitted: &Fitted,
+        index: usize,
+        fit: &Fit<'_>,
+        edge_m: &dyn Fn(Point3) -> f64,
+    ) -> Contact {
         let touch = &fitted.state.touches[index];
         let density = Density::new(&touch.form, self.responses.usual_m());
         let [along, across] = density.half_extents_m();
-        let sd_m = sd_m(fitted.place_covariance_m2(index, fit));
+        let wide_m = fitted.wide(index, fit) * across / (2.0 * LN_2).sqrt();
+        let shift_m = cut_off_m(wide_m, edge_m(touch.place.point_m));
+        let beyond_m = if shift_m.is_finite() { shift_m / 3.0_f64.sqrt() * sd_m([1.0, 0.0, 0.0]) } else { 0.0 };
+        let sd_m = sd_m(fitted.place_covariance_m2(index, fit)).hypot(beyond_m);
         let is_there = 1.0 / (1.0 + (-0.5 * fitted.odds(index, fit)).exp());
         Contact {
             position_m: touch.place.point_m,
@@ -260,24 +285,9 @@ impl Refiner {
     }
 }
 
-/// A contact with the deviation that the edge of the skin adds, at a distance from it, m; `NaN` where there is none.
-///
-/// A touch that reaches beyond the edge may lose what lies there, or press it onto the skin beside the edge, as a ball does on a foam
-/// that ends. The middle of what the skin bears is then displaced by up to that of a Gaussian that is cut off, `w phi(c/w) /
-/// Phi(c/w)` for the width `w` and the distance `c` (Johnson, Kotz and Balakrishnan 1994, Continuous Univariate Distributions 1,
-/// 13.135); the part that is displaced is not known: it is uniform from 0 to 1.
-pub(crate) fn with_edge(contact: Contact, edge_m: f64) -> Contact {
-    let shift_m = cut_off_m(contact.half_width_m / (2.0 * LN_2).sqrt(), edge_m);
-    if shift_m.is_nan() {
-        return contact;
-    }
-    let sd_m = contact.sd_m.hypot(shift_m / 3.0_f64.sqrt() * sd_m([1.0, 0.0, 0.0]));
-    let less = is_near(sd_m) / is_near(contact.sd_m);
-    Contact { sd_m, confidence: contact.confidence * if less.is_finite() { less } else { 1.0 }, ..contact }
-}
-
-/// By how much the mean of a Gaussian of the width `width_m` moves when what is farther than `edge_m` on one side is cut off, m. The
-/// distribution function is that of Abramowitz and Stegun (1964), 26.2.16, right to `1e-5`.
+/// By how much the mean of a Gaussian of the width `width_m` moves when what is farther than `edge_m` on one side is cut off, m: `w
+/// phi(c/w) / Phi(c/w)` for the width `w` and the distance `c` (Johnson, Kotz and Balakrishnan 1994, Continuous Univariate
+/// Distributions 1, 13.135). The distribution function is that of Abramowitz and Stegun (1964), 26.2.16, right to `1e-5`.
 fn cut_off_m(width_m: f64, edge_m: f64) -> f64 {
     let z = edge_m / width_m;
     let density = (-0.5 * z * z).exp() / (2.0 * PI).sqrt();
