@@ -63,12 +63,11 @@ fn check(fault: &str) {
     let (mut last_frame, mut unknown_after_s, mut notices) = (None, None, String::new());
     while begun.elapsed() < Duration::from_secs_f64(RUN_S) {
         match live.next(Duration::from_millis(20)) {
-            Some(RobotOutput::Frame(skin, frame)) => {
-                if !frame.message.is_empty() {
-                    frames[skin].insert(frame.result.sequence, frame.result.contacts.clone());
-                    if skin == FAULTY {
-                        last_frame = Some(frame.result.measured_at);
-                    }
+            // A stale frame has no message.
+            Some(RobotOutput::Frame(skin, frame)) if !frame.message.is_empty() => {
+                frames[skin].insert(frame.result.sequence, frame.result.contacts.clone());
+                if skin == FAULTY {
+                    last_frame = Some(frame.result.measured_at);
                 }
             }
             Some(RobotOutput::Snapshot(snapshot)) => {

@@ -151,7 +151,7 @@ impl RobotContact {
                 normal: pose.vector(contact.normal),
                 direction: pose.vector(contact.direction),
                 sd_m: self.sd_base_m.unwrap_or(f64::NAN),
-                ..contact.clone()
+                ..*contact
             },
             centroid_m: pose.point(*centroid_m),
             centre_of_pressure_m: pose.point(*centre_of_pressure_m),

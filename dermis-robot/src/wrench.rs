@@ -12,7 +12,7 @@ use serde::Serialize;
 /// A contact at `p` with the outward normal `n` and the normal force `f` presses with `-f n`. Its covariance is `A F A' + B P B'`:
 /// `A = [I; [p]x]` and `F` that of the force, with the variance of `f` along the normal and, across it, that of a friction force that
 /// is uniform in a disc of the radius `mu f`, `(mu f)^2 / 4` on each axis; `B = [0; -[-f n]x]` and `P` that of the position, in
-/// the tangent plane.
+/// the tangent plane. That of one contact has the rank 5: nothing turns about its normal.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Wrench {

@@ -151,12 +151,15 @@ pub fn serve_lines(shared: &Arc<LiveHandle>, address: &str) -> Result<(SocketAdd
     Ok((bound, runtime::spawn("dermis-jsonl", run)))
 }
 
+/// Lines that wait for a reader.
+type Queue = Arc<Mailbox<Arc<[u8]>>>;
+
 /// The lines that wait for each reader.
 #[derive(Debug, Clone, Default)]
-struct Readers(Arc<Mutex<Vec<Arc<Mailbox<Arc<[u8]>>>>>>);
+struct Readers(Arc<Mutex<Vec<Queue>>>);
 
 impl Readers {
-    fn lock(&self) -> MutexGuard<'_, Vec<Arc<Mailbox<Arc<[u8]>>>>> {
+    fn lock(&self) -> MutexGuard<'_, Vec<Queue>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
