@@ -69,20 +69,15 @@ struct ForceCorrection {
     relative_sd: f64,
     /// The median of the stated deviations of the labels' positions, m: where the place of a contact is less certain, as at an
     /// edge, so is its force.
-    #[serde(default = "unknown")]
-    usual_sd_m: f64,
+    #[serde(default)]
+    usual_sd_m: Option<f64>,
     /// Range of the logarithm: that of the labels, and a [factor](force_range) on each side.
     range: [f64; 2],
 }
 
-/// Of a correction of before this was stored.
-fn unknown() -> f64 {
-    f64::NAN
-}
-
 /// By how much the relative deviation of a force exceeds the usual one, from the deviation of the position.
-fn less_certain(sd_m: f64, usual_sd_m: f64) -> f64 {
-    (sd_m / usual_sd_m).max(1.0)
+fn less_certain(sd_m: f64, usual_sd_m: Option<f64>) -> f64 {
+    usual_sd_m.map_or(1.0, |usual_sd_m| (sd_m / usual_sd_m).max(1.0))
 }
 
 /// What leave-one-out cross-validation on the labels states of a correction.
@@ -194,6 +189,7 @@ impl Correction {
             force.single.is_consistent(SINGLE_FEATURES)
                 && force.several.is_consistent(SEVERAL_FEATURES)
                 && force.range[0] <= force.range[1]
+                && force.usual_sd_m.is_none_or(|usual_sd_m| usual_sd_m > 0.0)
         };
         self.shift_m.iter().flatten().all(|shift| shift.is_consistent(0))
             && self.force.as_ref().is_none_or(force)
@@ -237,7 +233,7 @@ impl ForceCorrection {
         let (several, _) = GaussianProcess::fit(&several, &logs, length_m)?;
         let range = force_range(&logs);
         let sd_m = sorted(known.iter().map(|one| one.contact.sd_m).filter(|sd_m| sd_m.is_finite()));
-        let usual_sd_m = if sd_m.is_empty() { f64::NAN } else { quantile(&sd_m, 0.5) };
+        let usual_sd_m = (!sd_m.is_empty()).then(|| quantile(&sd_m, 0.5)).filter(|usual_sd_m| *usual_sd_m > 0.0);
         let usual = |(one, left): (&&Found, &f64)| left / less_certain(one.contact.sd_m, usual_sd_m);
         let relative_sd = relative_deviation(&known.iter().zip(&left).map(usual).collect::<Vec<f64>>());
         Ok(Some((ForceCorrection { single, several, relative_sd, usual_sd_m, range }, left)))

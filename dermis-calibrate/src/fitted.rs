@@ -225,13 +225,15 @@ fn correct(
     let (mut method, protocol) = (methods.method(skin, name, &MethodOptions::default())?, &skin.design().protocol);
     let mut detector = method.detector(&[], protocol).map_err(dermis::Error::from)?;
     if method.reconstruct().is_adaptable() {
-        method = method.adapted(differences).map_err(dermis::Error::from)?;
-        detector = method.detector_of(differences, protocol).map_err(dermis::Error::from)?;
-        let few = (!can_be_refined(differences))
-            .then(|| format!("that takes at least {MIN_UNTOUCHED_FRAMES} untouched frames (--baseline)"));
-        if let Some(why) = few.or_else(|| method.reconstruct().warning().map(String::from)) {
-            return Err(CalibrateError::NotRefined { why });
+        let cannot = |why: String| CalibrateError::NotRefined { why };
+        if !can_be_refined(differences) {
+            return Err(cannot(format!("that takes at least {MIN_UNTOUCHED_FRAMES} untouched frames")));
         }
+        method = method.adapted(differences).map_err(|error| cannot(error.to_string()))?;
+        if let Some(why) = method.reconstruct().warning() {
+            return Err(cannot(why.into()));
+        }
+        detector = method.detector_of(differences, protocol).map_err(dermis::Error::from)?;
     }
     Correction::fit(skin.pixels(), &method, &detector, &differences.frames, labels)
 }

@@ -117,12 +117,12 @@ fn joint_states_that_do_not_come_are_missed_once_and_those_from_before_are_not_o
     let port = std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let text = std::fs::read_to_string(at.path("arm.toml")).unwrap();
     at.write("arm.toml", text.replace("joints = \"none\"", &format!("joints = \"udp:127.0.0.1:{port}\"")));
-    let (sender, is_over) = (std::time::Instant::now(), std::sync::atomic::AtomicBool::new(false));
+    let (begun, is_over) = (std::time::Instant::now(), std::sync::atomic::AtomicBool::new(false));
     let said = std::thread::scope(|scope| {
         scope.spawn(|| {
             while !is_over.load(std::sync::atomic::Ordering::Relaxed) {
                 // They come while the skins are prepared, and stop after some seconds.
-                if sender.elapsed().as_secs_f64() < 4.0 {
+                if begun.elapsed().as_secs_f64() < 4.0 {
                     let states = r#"{"name": ["shoulder", "elbow", "wrist"], "position": [0.0, 0.1, 0.2]}"#;
                     let _ = socket.send_to(states.as_bytes(), ("127.0.0.1", port));
                 }

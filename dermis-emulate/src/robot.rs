@@ -21,6 +21,7 @@ const SWING: [f64; 2] = [0.1, 6.0];
 pub struct RobotDevices {
     emulators: Vec<Arc<Emulator>>,
     is_simulated: bool,
+    swings: bool,
     begun: Instant,
     swung: Option<Instant>,
 }
@@ -28,7 +29,7 @@ pub struct RobotDevices {
 impl RobotDevices {
     /// Devices, all of which are simulated or only those whose source is `emulate`.
     pub fn new(is_simulated: bool) -> Self {
-        RobotDevices { emulators: Vec::new(), is_simulated, begun: Instant::now(), swung: None }
+        RobotDevices { emulators: Vec::new(), is_simulated, swings: is_simulated, begun: Instant::now(), swung: None }
     }
 
     /// How a skin is read, by index; `emulator` makes its simulated device for a serial number: that of the file, or the skin's place
@@ -58,13 +59,18 @@ impl RobotDevices {
         Ok(LiveOptions { waits: true, ..LiveOptions::new(address, settings) })
     }
 
+    /// The joints are moved by the program from now on.
+    pub fn stop_swinging(&mut self) {
+        self.swings = false;
+    }
+
     /// Moves simulated joints: each swings about 0, a little slower than the one before. Joints whose states come from elsewhere, and
     /// those of a robot with real devices, are not simulated. To be called every [`SWING_EVERY`].
     pub fn swing(&mut self, live: &mut RobotLive) {
         let robot = Arc::clone(live.state().robot());
         let is_due = self.swung.is_none_or(|at| at.elapsed() >= SWING_EVERY);
         let Some(kinematics) = robot.kinematics() else { return };
-        if !self.is_simulated || *robot.joint_source() != JointSource::None || !is_due {
+        if !self.swings || *robot.joint_source() != JointSource::None || !is_due {
             return;
         }
         self.swung = Some(Instant::now());

@@ -42,7 +42,7 @@ pub enum LiveError {
         address: String,
         /// Why, and the fix.
         message: String,
-        /// What the device says that it is, if it says so.
+        /// What the device says that it is, if it says that it is of another design.
         identity: Option<DeviceIdentity>,
     },
     /// A device that was lost.

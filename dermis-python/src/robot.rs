@@ -254,7 +254,10 @@ impl RobotLive {
     fn joints(&self, py: Python<'_>, positions: BTreeMap<String, f64>, time_s: Option<f64>) -> Outcome<()> {
         let given: Vec<(&str, f64)> = positions.iter().map(|(name, position)| (name.as_str(), *position)).collect();
         let at = time(time_s)?;
-        let taken = self.with(py, |running| running.live.joints(at, &given))?;
+        let taken = self.with(py, |running| {
+            running.devices.stop_swinging();
+            running.live.joints(at, &given)
+        })?;
         taken.unwrap_or(Ok(())).map_err(Failure::given)
     }
 
@@ -282,8 +285,11 @@ impl RobotLive {
         if self.process != std::process::id() {
             return Ok(());
         }
-        let running = self.running.lock().unwrap_or_else(PoisonError::into_inner).take();
-        let incomplete = py.detach(|| running.and_then(|running| running.live.stop()));
+        // Another thread may be waiting for the next item with the lock.
+        let incomplete = py.detach(|| {
+            let running = self.running.lock().unwrap_or_else(PoisonError::into_inner).take();
+            running.and_then(|running| running.live.stop())
+        });
         incomplete.map_or(Ok(()), |why| Err(Failure::given(format!("the recording is not complete: {why}"))))
     }
 

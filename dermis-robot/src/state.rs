@@ -89,7 +89,7 @@ impl RobotState {
         self.joints.add(&self.robot, at, positions)
     }
 
-    /// Takes a frame of a skin, by index; returns the rules that begin or end by it.
+    /// Takes a frame of a skin, by index; returns the rules that begin, end or change their reason by it.
     ///
     /// # Panics
     /// If the robot has no such skin.
@@ -215,8 +215,9 @@ impl RobotState {
         let mut found = BTreeMap::new();
         for (place, &a) in touched.iter().enumerate() {
             for &b in touched[place + 1..].iter().filter(|&&b| !self.seams.are_fixed(a, b)) {
+                let seconds = self.in_base(b, now);
                 for first in self.in_base(a, now) {
-                    for second in self.in_base(b, now).iter().filter(|second| are_faces(&first, second)) {
+                    for second in seconds.iter().filter(|second| are_faces(&first, second)) {
                         found.insert((a, first.id), b);
                         found.insert((b, second.id), a);
                     }
@@ -241,7 +242,7 @@ impl RobotState {
         self.contacts(skin, now).iter().filter_map(moved).collect()
     }
 
-    /// Follows touches over seams, and finds the rules that begin or end.
+    /// Follows touches over seams, and finds the rules that begin, end or change their reason.
     fn apply_rules(&mut self, measured_at: Timestamp, now: Timestamp) -> Vec<RuleEvent> {
         let mut events = Vec::new();
         let mut seams = std::mem::take(&mut self.seams);

@@ -121,6 +121,9 @@ impl Arguments {
     }
 }
 
+/// Fewest snapshots per second for ROS 2: two in a deadline.
+#[cfg(feature = "ros2")]
+const LEAST_ROS2_HZ: f64 = 8.0;
 /// A crash loses less than this: files are written twice a second.
 const LOST_IN_A_CRASH_S: f64 = 1.0;
 
@@ -241,7 +244,11 @@ fn table(report: &RobotReport) -> String {
             skin.link,
             skin.design,
             skin.method,
-            if skin.forces { "yes" } else { "no" },
+            match skin.forces {
+                Some(true) => "yes",
+                Some(false) => "no",
+                None => "unknown",
+            },
             skin.electrodes,
             skin.cells,
             1e3 * skin.frame_s,
@@ -291,7 +298,9 @@ impl RunArguments {
             if matches!(output, RobotOutput::Event(_) | RobotOutput::Snapshot(_)) && self.jsonl.is_some() {
                 let line = jsonl::line(&output).map_err(|error| Failure::Ours(error.to_string()))?;
                 match &server {
-                    Some(server) => drop(server.send(&line)),
+                    Some(server) => {
+                        server.send(&line);
+                    }
                     None if !write_line(&line)? => break,
                     None => {}
                 }
@@ -359,6 +368,11 @@ impl RunArguments {
     /// What publishes the robot.
     #[cfg(feature = "ros2")]
     fn publisher(&self, robot: &Robot, live: &RobotLive) -> Outcome<Option<RobotPublisher>> {
+        // Contacts and zones have a deadline of a quarter of a second.
+        if self.ros2.ros2 && self.rate < LEAST_ROS2_HZ {
+            let message = format!("--ros2 at {} snapshots a second: subscribers take it for a failure", self.rate);
+            return Err(Failure::given(message, Some("give --rate 8 or more")));
+        }
         let given = |error: PublishError| Failure::given(error.to_string(), None);
         let publisher = || RobotPublisher::new(robot, &live.skins(), &self.ros2.options(None)).map_err(given);
         self.ros2.ros2.then(publisher).transpose()

@@ -97,7 +97,9 @@ impl Handshake<'_> {
             LiveError::Refused {
                 address: self.address.to_string(),
                 message,
-                identity: Some(DeviceIdentity { design_sha256: hello.design_sha256, serial: hello.serial }),
+                // Of the right skin nothing else is asked.
+                identity: (hello.design_sha256 != self.skin.design().sha256())
+                    .then_some(DeviceIdentity { design_sha256: hello.design_sha256, serial: hello.serial }),
             }
         })?;
         Ok(hello)

@@ -67,8 +67,9 @@ pub struct SkinReport {
     pub cells: usize,
     /// Time of its pipeline for a frame, median, s.
     pub frame_s: f64,
-    /// Whether its contacts have forces, which take a calibration or a method that knows them.
-    pub forces: bool,
+    /// Whether its contacts have forces, which take a calibration or a method that knows them; `None` if the method did not find
+    /// the touch that was tried.
+    pub forces: Option<bool>,
 }
 
 /// Two skins of one link.
@@ -152,7 +153,7 @@ fn without_forces(rule: &Rule, skins: &[SkinReport]) -> Option<String> {
         .skins
         .iter()
         .map(|&skin| &skins[skin])
-        .filter(|skin| !skin.forces)
+        .filter(|skin| skin.forces == Some(false))
         .map(|skin| skin.skin.as_str())
         .collect();
     (matches!(rule.when, When::ForceN(_)) && !without.is_empty()).then(|| {
@@ -185,7 +186,7 @@ fn touched(skin: &Skin) -> Result<Vec<f64>, LiveError> {
 
 /// The median time of each pipeline for a frame, s, of untouched frames of the model with noise, all pipelines in turn, as they
 /// share the processor's caches; and whether the contacts of a touch have forces.
-fn try_frames(sets: &[Arc<MethodSet>]) -> Result<Vec<(f64, bool)>, LiveError> {
+fn try_frames(sets: &[Arc<MethodSet>]) -> Result<Vec<(f64, Option<bool>)>, LiveError> {
     let settings = Settings { force_tare: true, ..Settings::default() };
     let tare = settings.tare_frames as u32;
     let pipeline = |set: &Arc<MethodSet>| Pipeline::new(Arc::clone(set), settings.clone());
@@ -218,7 +219,7 @@ fn try_frames(sets: &[Arc<MethodSet>]) -> Result<Vec<(f64, bool)>, LiveError> {
     let mut forces = Vec::new();
     for pipeline in &mut pipelines {
         let values = touched(pipeline.skin())?;
-        let mut has_forces = false;
+        let mut has_forces = None;
         for index in 0..PRESSED {
             let noisy = values.iter().map(|value| value * (1.0 + NOISE * (random.random::<f64>() - 0.5))).collect();
             let input = FrameInput::new(
@@ -227,7 +228,8 @@ fn try_frames(sets: &[Arc<MethodSet>]) -> Result<Vec<(f64, bool)>, LiveError> {
                 noisy,
             );
             let frame = pipeline.process(input)?;
-            has_forces |= frame.contacts.iter().any(|tracked| tracked.contact.force_n.is_finite());
+            let known = frame.contacts.iter().map(|tracked| tracked.contact.force_n.is_finite());
+            has_forces = known.max().max(has_forces);
         }
         forces.push(has_forces);
     }

@@ -45,8 +45,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::{HashMap, VecDeque};
 use std::net::UdpSocket;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -173,10 +173,10 @@ pub struct RobotLive {
     state: RobotState,
     readers: Vec<Reader>,
     incoming: Arc<Mailbox<Incoming>>,
-    joints: Option<(JoinHandle<()>, Arc<AtomicBool>)>,
+    joints: Option<JointThread>,
     joint_notice: Option<Instant>,
-    /// When joint states came last, and whether it was said that they do not.
-    joints_seen: Instant,
+    /// When joint states came last, of whatever use, and whether it was said that they do not.
+    joints_seen: Arrival,
     are_joints_missing: bool,
     /// Joint states in a row whose times are not those of this clock.
     off_clock: u32,
@@ -218,19 +218,20 @@ impl RobotLive {
             let again = Some(Instant::now());
             readers.push(Reader { options: options(index)?, methods, live: None, again, said: String::new() });
         }
+        let recording = how.record.as_ref().map(|folder| RobotRecording::create(robot, folder)).transpose()?;
+        let joints_seen = Arc::default();
         let joints = match (socket, robot.joint_source()) {
-            (Some(socket), _) => Some(listen(socket, &incoming)),
-            (None, JointSource::Ros2(topic)) => Some(subscribe(topic, &incoming)?),
+            (Some(socket), _) => Some(listen(socket, &incoming, &joints_seen)),
+            (None, JointSource::Ros2(topic)) => Some(subscribe(topic, &incoming, &joints_seen)?),
             (None, _) => None,
         };
-        let recording = how.record.as_ref().map(|folder| RobotRecording::create(robot, folder)).transpose()?;
         let mut robot = RobotLive {
             state: RobotState::new(Arc::clone(robot)),
             readers,
             incoming,
             joints,
             joint_notice: None,
-            joints_seen: Instant::now(),
+            joints_seen,
             are_joints_missing: false,
             off_clock: 0,
             recording,
@@ -327,10 +328,7 @@ impl RobotLive {
             // A thread that panicked has printed its message already.
             let _ = forward.join();
         }
-        if let Some((thread, is_stopped)) = self.joints {
-            is_stopped.store(true, Ordering::Relaxed);
-            let _ = thread.join();
-        }
+        drop(self.joints);
         self.recording.and_then(RobotRecording::stop)
     }
 
@@ -403,11 +401,6 @@ impl RobotLive {
 
     /// Joint states have come. Those of another time are of no frame: several in a row are of another clock.
     fn have_joints(&mut self, at: Timestamp, now: Timestamp, is_stamped: bool) {
-        self.joints_seen = Instant::now();
-        if std::mem::take(&mut self.are_joints_missing) {
-            let text = "joint states arrive again".into();
-            self.notice(None, Notice { level: Severity::Info, text, at: now });
-        }
         let age_s = now.seconds_since(at);
         let is_off = is_stamped && age_s.abs() > self.state.robot().age_s();
         self.off_clock = if is_off { self.off_clock + 1 } else { 0 };
@@ -430,8 +423,14 @@ impl RobotLive {
             JointSource::Udp(address) => format!("udp:{address}"),
             JointSource::Ros2(topic) => format!("the topic {topic}"),
         };
-        let silent = self.joints_seen.elapsed();
-        if silent > JOINTS_MISSING && !std::mem::replace(&mut self.are_joints_missing, true) {
+        // The time begins with the first snapshot.
+        let silent = lock_arrival(&self.joints_seen).get_or_insert_with(Instant::now).elapsed();
+        let were_missing = std::mem::replace(&mut self.are_joints_missing, silent > JOINTS_MISSING);
+        if were_missing && !self.are_joints_missing {
+            let text = "joint states arrive again".into();
+            self.notice(None, Notice { level: Severity::Info, text, at: clock::now() });
+        }
+        if self.are_joints_missing && !were_missing {
             let text = format!(
                 "no joint states from {source} for {:.0} s: positions in the frame of the base are unknown",
                 silent.as_secs_f64()
@@ -488,13 +487,14 @@ impl RobotLive {
                 reader.methods.skin().design().sha256() == identity.design_sha256
                     && worn.serial.is_none_or(|serial| serial == identity.serial)
             };
-            let mut owners = skins.filter(|(other, (worn, reader))| *other != skin && is_its(worn, reader));
-            owners.next().map(|(_, (worn, _))| (worn.name.clone(), identity.serial))
+            let owners = skins.filter(|(other, (worn, reader))| *other != skin && is_its(worn, reader));
+            let names: Vec<String> = owners.map(|(_, (worn, _))| format!("`{}`", worn.name)).collect();
+            (!names.is_empty()).then(|| (names.join(" or "), identity.serial))
         });
         let (text, reason) = match (&owner, failure) {
             (Some((owner, serial)), _) => {
                 let text = format!(
-                    "the device has the serial number {serial} and is that of `{owner}`: swap the cables, or the `source`s of both"
+                    "the device has the serial number {serial} and is that of {owner}: swap the cables, or the `source`s of both"
                 );
                 (text, UnknownReason::OtherDevice)
             }
@@ -575,11 +575,39 @@ fn bind(address: &str) -> Result<UdpSocket, LiveError> {
     Ok(socket)
 }
 
+/// When something came last.
+type Arrival = Arc<Mutex<Option<Instant>>>;
+
+fn lock_arrival(arrival: &Arrival) -> MutexGuard<'_, Option<Instant>> {
+    arrival.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A thread that receives joint states; it ends with it.
+struct JointThread {
+    thread: Option<JoinHandle<()>>,
+    is_stopped: Arc<AtomicBool>,
+}
+
+impl JointThread {
+    fn spawn(run: impl FnOnce(&AtomicBool) + Send + 'static) -> Self {
+        let is_stopped = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&is_stopped);
+        JointThread { thread: Some(runtime::spawn("dermis-joints", move || run(&stopped))), is_stopped }
+    }
+}
+
+impl Drop for JointThread {
+    fn drop(&mut self) {
+        self.is_stopped.store(true, Ordering::Relaxed);
+        // A thread that panicked has printed its message already.
+        self.thread.take().map(JoinHandle::join);
+    }
+}
+
 /// Receives joint states, without those that came before.
-fn listen(socket: UdpSocket, incoming: &Arc<Mailbox<Incoming>>) -> (JoinHandle<()>, Arc<AtomicBool>) {
-    let (incoming, is_stopped) = (Arc::clone(incoming), Arc::new(AtomicBool::new(false)));
-    let stopped = Arc::clone(&is_stopped);
-    let run = move || {
+fn listen(socket: UdpSocket, incoming: &Arc<Mailbox<Incoming>>, arrival: &Arrival) -> JointThread {
+    let (incoming, arrival) = (Arc::clone(incoming), Arc::clone(arrival));
+    let run = move |stopped: &AtomicBool| {
         let mut datagram = vec![0; DATAGRAM];
         if socket.set_nonblocking(true).is_ok() {
             while socket.recv(&mut datagram).is_ok() {}
@@ -590,26 +618,27 @@ fn listen(socket: UdpSocket, incoming: &Arc<Mailbox<Incoming>>) -> (JoinHandle<(
         }
         while !stopped.load(Ordering::Relaxed) {
             if let Ok(length) = socket.recv(&mut datagram) {
+                *lock_arrival(&arrival) = Some(Instant::now());
                 incoming.put(joint_states(&datagram[..length], clock::now()));
             }
         }
     };
-    (runtime::spawn("dermis-joints", run), is_stopped)
+    JointThread::spawn(run)
 }
 
 /// Subscribes to joint states of ROS 2.
 #[cfg(feature = "ros2")]
-fn subscribe(topic: &str, incoming: &Arc<Mailbox<Incoming>>) -> Result<(JoinHandle<()>, Arc<AtomicBool>), LiveError> {
+fn subscribe(topic: &str, incoming: &Arc<Mailbox<Incoming>>, arrival: &Arrival) -> Result<JointThread, LiveError> {
     /// Interval of looks: the messages have their times.
     const LOOK: Duration = Duration::from_millis(2);
     let states = crate::sinks::ros2::robot::JointStates::subscribe(topic)
         .map_err(|error| LiveError::Given(format!("cannot receive joint states: {error}")))?;
-    let (incoming, is_stopped) = (Arc::clone(incoming), Arc::new(AtomicBool::new(false)));
-    let stopped = Arc::clone(&is_stopped);
-    let run = move || {
+    let (incoming, arrival) = (Arc::clone(incoming), Arc::clone(arrival));
+    let run = move |stopped: &AtomicBool| {
         while !stopped.load(Ordering::Relaxed) {
             match states.take() {
                 Ok(Some((stamp, state))) => {
+                    *lock_arrival(&arrival) = Some(Instant::now());
                     let states = JointStates { stamp_s: None, name: state.name, position: state.position };
                     incoming.put(states.taken(stamp, clock::now()));
                 }
@@ -621,11 +650,11 @@ fn subscribe(topic: &str, incoming: &Arc<Mailbox<Incoming>>) -> Result<(JoinHand
             }
         }
     };
-    Ok((runtime::spawn("dermis-joints", run), is_stopped))
+    Ok(JointThread::spawn(run))
 }
 
 #[cfg(not(feature = "ros2"))]
-fn subscribe(topic: &str, _: &Arc<Mailbox<Incoming>>) -> Result<(JoinHandle<()>, Arc<AtomicBool>), LiveError> {
+fn subscribe(topic: &str, _: &Arc<Mailbox<Incoming>>, _: &Arrival) -> Result<JointThread, LiveError> {
     let fix = "build it with ROS 2 (`--features ros2`), or take joints = \"udp:HOST:PORT\"";
     Err(LiveError::Given(format!("joint states of {topic}: this program was built without ROS 2; {fix}")))
 }

@@ -11,7 +11,7 @@ use std::num::NonZeroU32;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// One frame as a line of JSON. Lengths in m, forces in N, times in nanoseconds since 1970; unknown values are `null`.
 #[derive(Debug, Serialize)]
@@ -81,6 +81,8 @@ const LINES: &str = "lines of JSON";
 const WAITING: usize = 256;
 /// Programs that read lines at once, each on a thread; more connections are closed.
 const MAX_READERS: usize = 64;
+/// Time for the last lines.
+const LAST_LINES: Duration = Duration::from_secs(1);
 /// A reader that reads nothing for this time is disconnected.
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -243,12 +245,16 @@ impl LineServer {
 }
 
 impl Drop for LineServer {
-    /// Readers get what waits for them, and the end.
+    /// Readers get what waits for them, if they take it within a second, and the end.
     fn drop(&mut self) {
         self.is_stopped.store(true, Ordering::Relaxed);
         // A thread that panicked has printed its message already.
         self.thread.take().map(JoinHandle::join);
         self.readers.lock().iter().for_each(|reader| reader.close());
+        let begun = Instant::now();
+        while self.readers() > 0 && begun.elapsed() < LAST_LINES {
+            std::thread::sleep(Duration::from_millis(5));
+        }
     }
 }
 

@@ -444,7 +444,7 @@ class Robot:
         """
 
     def feed(self, skin: str, frame: Frame, time_s: float | None = None) -> list[dict[str, Any]]:
-        """Takes a frame of a skin; returns the rules that begin or end by it.
+        """Takes a frame of a skin; returns the rules that begin, end or change their reason by it.
 
         Args:
             skin: Name of the skin.
@@ -453,7 +453,7 @@ class Robot:
         """
 
     def tick(self, time_s: float | None = None) -> list[dict[str, Any]]:
-        """Lets time pass: frames become too old, rules end. Returns the rules that begin or end.
+        """Lets time pass: frames become too old, rules end. Returns the rules that begin, end or change their reason.
 
         Args:
             time_s: The time now, s since 1970; that of the clock without it.
@@ -514,7 +514,7 @@ class Robot:
 class RobotLive:
     """A robot whose skins are being read: an iterator over what it says. As a context manager it stops at the end of the block.
 
-    Each item is a dictionary with one key: `"event"`, the begin or end of a rule, as of `Robot.feed`, at once; or `"snapshot"`, as of
+    Each item is a dictionary with one key: `"event"`, what happens to a rule (`begins`, `changes` for another reason, `ends`), as of `Robot.feed`, at once; or `"snapshot"`, as of
     `Robot.snapshot`. `Robot.live` makes one.
     """
 
@@ -523,7 +523,7 @@ class RobotLive:
     def __enter__(self) -> Self: ...
     def __exit__(self, *_exception: type[BaseException] | BaseException | TracebackType | None) -> None: ...
     def joints(self, positions: dict[str, float], time_s: float | None = None) -> None:
-        """Takes joint positions, rad or m, by name, as `Robot.joints`.
+        """Takes joint positions, rad or m, by name, as `Robot.joints`. Simulated joints do not move any more then.
 
         Args:
             positions: Every joint between the base and a skin; others may be there.

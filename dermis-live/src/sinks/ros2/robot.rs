@@ -5,7 +5,7 @@
 //! | `/dermis/contacts` | `sensor_msgs/PointCloud2` | contacts of known pose in the frame of the base, with the number of the skin |
 //! | `/dermis/wrench/LINK` | `geometry_msgs/WrenchStamped` | the wrench on a link, in its frame; NaN unless complete |
 //! | `/dermis/zones` | `std_msgs/String` | whether each skin and the robot are touched, and the rules that hold, as JSON |
-//! | `/dermis/events` | `std_msgs/String` | the begin and end of rules, as JSON |
+//! | `/dermis/events` | `std_msgs/String` | begin, end and another reason of rules, as JSON |
 //! | `/dermis/SKIN/...` | | the topics of a skin |
 //! | `/tf_static` | `tf2_msgs/TFMessage` | the frame of each skin in that of its link |
 //! | `/diagnostics` | `diagnostic_msgs/DiagnosticArray` | `dermis: SKIN`, with the serial number of its device |
@@ -47,13 +47,9 @@ impl RobotPublisher {
         let mut host = Host::join(options)?;
         let namespace = host.namespace().trim_end_matches('/').to_string();
         let mut topics = Vec::new();
+        check_names("skins", robot.skins().iter().map(|worn| worn.name.as_str()))?;
         for (worn, skin) in robot.skins().iter().zip(skins) {
             let name = ros_name(&worn.name);
-            let names = |other: &str| ros_name(other) == name;
-            if robot.skins().iter().filter(|other| names(&other.name)).count() > 1 {
-                let why = "two skins of the robot have this name in ROS 2: rename one of them".into();
-                return Err(PublishError::Namespace { given: name, why });
-            }
             let reference =
                 Reference { name: format!("dermis {}", worn.name), ..Reference::of(skin, frame_id(robot, &worn.name)) };
             topics.push(SkinTopics::new(reference, &mut host, |topic| topic.of_skin(&namespace, &name))?);
@@ -61,28 +57,28 @@ impl RobotPublisher {
         let mut links: Vec<&str> = robot.skins().iter().map(|worn| worn.link.as_str()).collect();
         links.sort_unstable();
         links.dedup();
+        check_names("links", links.iter().copied())?;
         let mut wrenches = Vec::new();
         for link in links {
             let name = format!("{}/{}", Topic::Wrench.absolute(&namespace), ros_name(link));
             wrenches.push((link.to_string(), host.out(name, quality(Topic::Wrench))?));
         }
-        let transforms = host.out("/tf_static".into(), latched())?;
+        let transforms: Out<TransformArray> = host.out("/tf_static".into(), latched())?;
         let named = |topic: Topic| topic.absolute(&namespace);
         let zones = format!("{namespace}/dermis/zones");
-        let publisher = RobotPublisher {
+        Ok(RobotPublisher {
             skins: topics,
             contacts: host.out(named(Topic::Contacts), quality(Topic::Contacts))?,
             wrenches,
             zones: host.out(zones, quality(Topic::Validity))?,
             events: host.out(named(Topic::Events), quality(Topic::Events))?,
             diagnostics: host.out(named(Topic::Diagnostics), quality(Topic::Diagnostics))?,
+            dropped: u64::from(!transforms.send(frames(robot))?),
+            // Kept, so that its last message is.
             _transforms: transforms,
             diagnosed: None,
-            dropped: 0,
             _host: host,
-        };
-        publisher._transforms.send(frames(robot))?;
-        Ok(publisher)
+        })
     }
 
     /// Publishes a frame of a skin, by its index.
@@ -150,11 +146,28 @@ impl JointStates {
     }
 }
 
-/// A name as ROS 2 allows it: letters, digits and single underscores, no digit first.
+/// A name as ROS 2 allows it: letters, digits and single underscores between them, no digit first.
 fn ros_name(name: &str) -> String {
     let words = name.split(|character: char| !character.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
     let name = words.collect::<Vec<_>>().join("_");
-    if name.starts_with(|first: char| first.is_ascii_alphabetic()) { name } else { format!("skin_{name}") }
+    match name.chars().next() {
+        Some(first) if first.is_ascii_alphabetic() => name,
+        Some(_) => format!("n_{name}"),
+        None => "n".into(),
+    }
+}
+
+/// Refuses names that are the same one in ROS 2.
+fn check_names<'a>(what: &str, names: impl Iterator<Item = &'a str>) -> Result<(), PublishError> {
+    let mut known: Vec<String> = Vec::new();
+    for given in names.map(ros_name) {
+        if known.contains(&given) {
+            let why = format!("two {what} of the robot have this name in ROS 2: rename one of them");
+            return Err(PublishError::Namespace { given, why });
+        }
+        known.push(given);
+    }
+    Ok(())
 }
 
 /// The frame of a skin: its name, which must not be that of a link.
@@ -239,13 +252,9 @@ mod tests {
 
     #[test]
     fn names_are_those_that_ros_allows() {
-        for (name, expected) in [
-            ("left_arm", "left_arm"),
-            ("left.arm-2", "left_arm_2"),
-            ("a__b_", "a_b"),
-            ("2nd", "skin_2nd"),
-            ("é", "skin_"),
-        ] {
+        for (name, expected) in
+            [("left_arm", "left_arm"), ("left.arm-2", "left_arm_2"), ("a__b_", "a_b"), ("2nd", "n_2nd"), ("é", "n")]
+        {
             assert_eq!(ros_name(name), expected);
         }
     }

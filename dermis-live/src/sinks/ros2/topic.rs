@@ -68,7 +68,10 @@ impl Topic {
     /// Its absolute name for one of the skins of a robot: `/dermis/forearm/contacts`.
     #[cfg(feature = "ros2")]
     pub(crate) fn of_skin(self, namespace: &str, skin: &str) -> String {
-        self.absolute(namespace).replace("/dermis/", &format!("/dermis/{skin}/"))
+        match self.name().strip_prefix("dermis/") {
+            Some(name) => format!("{}/dermis/{skin}/{name}", namespace.trim_end_matches('/')),
+            None => self.absolute(namespace),
+        }
     }
 
     /// The type of its messages.
