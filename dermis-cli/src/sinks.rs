@@ -16,7 +16,7 @@ pub fn lines(text: &str) -> Result<Lines, String> {
     match (text, text.split_once(':')) {
         ("-", _) => Ok(Lines::Standard),
         (_, Some(("tcp", address))) => Ok(Lines::Tcp(address.into())),
-        _ => Err("this is no place for lines of JSON: write - or tcp:127.0.0.1:PORT".into()),
+        _ => Err(format!("`{text}` is no place for lines of JSON: write --jsonl - or --jsonl tcp:127.0.0.1:PORT")),
     }
 }
 
