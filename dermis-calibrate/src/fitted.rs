@@ -34,6 +34,30 @@ pub struct Alternatives {
 }
 
 impl Alternatives {
+    /// Those of some labels, by the corrections of the skin's own methods.
+    fn of(skin: &Skin, labels: &[Label], frame: LabelFrame, corrections: &[Correction]) -> Self {
+        let surface = skin.design().body.surface();
+        let distance_m = |a: Point3, b: Point3| match frame {
+            LabelFrame::Skin => surface.distance_m(a, b),
+            LabelFrame::Robot => distance(a, b),
+        };
+        let mut at_labels: Vec<Point3> = labels.iter().map(|label| label.position_m).collect();
+        if frame == LabelFrame::Robot {
+            flatten(&mut at_labels);
+        }
+        let anywhere = match frame {
+            LabelFrame::Skin => skin.pixels().centres_m.clone(),
+            LabelFrame::Robot => vec![centroid(&at_labels)],
+        };
+        let mean_m =
+            |one: Point3| at_labels.iter().map(|&other| distance_m(one, other)).sum::<f64>() / labels.len() as f64;
+        let guess_m = anywhere.into_iter().map(mean_m).fold(f64::INFINITY, f64::min);
+        let before =
+            |correction: &Correction| (correction.method().to_string(), correction.quality().mean_error_before_m);
+        let uncalibrated = corrections.iter().map(before).min_by(|a, b| a.1.total_cmp(&b.1));
+        Alternatives { guess_m, uncalibrated }
+    }
+
     /// Why a calibration is of no use, if so.
     pub fn reason(&self, fitted: &Fitted) -> Option<String> {
         let mm = |length_m: f64| format!("{:.1} mm", 1e3 * length_m);
@@ -71,6 +95,41 @@ impl Fitted {
         frame: LabelFrame,
         method: Option<&str>,
     ) -> Result<Self, CalibrateError> {
+        Self::choose(methods, skin, differences, labels, frame, method, &mut None)
+    }
+
+    /// The same, and what it has to be better than.
+    ///
+    /// # Errors
+    /// As [`fit`](Self::fit).
+    pub fn fit_and_compare(
+        methods: &Methods,
+        skin: &Skin,
+        differences: &Differences,
+        labels: &[Label],
+        frame: LabelFrame,
+        method: Option<&str>,
+    ) -> Result<(Self, Alternatives), CalibrateError> {
+        let mut tried = None;
+        let fitted = Self::choose(methods, skin, differences, labels, frame, method, &mut tried)?;
+        let corrections = match (frame, tried) {
+            (LabelFrame::Robot, _) => Vec::new(),
+            (LabelFrame::Skin, Some(corrections)) => corrections,
+            (LabelFrame::Skin, None) => corrections(methods, skin, differences, labels)?,
+        };
+        Ok((fitted, Alternatives::of(skin, labels, frame, &corrections)))
+    }
+
+    /// Fits; `tried` are the corrections of the skin's own methods, if they had to be fitted.
+    fn choose(
+        methods: &Methods,
+        skin: &Skin,
+        differences: &Differences,
+        labels: &[Label],
+        frame: LabelFrame,
+        method: Option<&str>,
+        tried: &mut Option<Vec<Correction>>,
+    ) -> Result<Self, CalibrateError> {
         let frames = &differences.frames;
         check(frames, &skin.design().protocol, labels)?;
         if frame == LabelFrame::Skin {
@@ -84,7 +143,10 @@ impl Fitted {
         }
         let map = Calibration::fit(skin, frames, labels, frame)?;
         let better = match (method, frame) {
-            (None, LabelFrame::Skin) => Self::better_correction(methods, skin, differences, labels, map.quality())?,
+            (None, LabelFrame::Skin) => {
+                let tried = tried.insert(corrections(methods, skin, differences, labels)?);
+                better(tried, map.quality()).cloned()
+            }
             _ => None,
         };
         Ok(match better {
@@ -105,10 +167,7 @@ impl Fitted {
         labels: &[Label],
         map: &Quality,
     ) -> Result<Option<Correction>, CalibrateError> {
-        let corrections = corrections(methods, skin, differences, labels)?.into_iter();
-        let error_m = |correction: &Correction| correction.quality().mean_error_m;
-        let best = corrections.min_by(|a, b| error_m(a).total_cmp(&error_m(b)));
-        Ok(best.filter(|correction| error_m(correction) < map.mean_error_m))
+        Ok(better(&corrections(methods, skin, differences, labels)?, map).cloned())
     }
 
     /// The mean error of labels that it had not seen, m.
@@ -125,46 +184,6 @@ impl Fitted {
             Fitted::ForwardMap(map) => map.quality().evidence,
             Fitted::Correction(correction) => correction.quality().evidence,
         }
-    }
-
-    /// What a calibration by some labels has to be better than.
-    ///
-    /// # Errors
-    /// As [`Correction::fit`].
-    pub fn alternatives(
-        methods: &Methods,
-        skin: &Skin,
-        differences: &Differences,
-        labels: &[Label],
-        frame: LabelFrame,
-    ) -> Result<Alternatives, CalibrateError> {
-        let surface = skin.design().body.surface();
-        let distance_m = |a: Point3, b: Point3| match frame {
-            LabelFrame::Skin => surface.distance_m(a, b),
-            LabelFrame::Robot => distance(a, b),
-        };
-        let mut at_labels: Vec<Point3> = labels.iter().map(|label| label.position_m).collect();
-        if frame == LabelFrame::Robot {
-            flatten(&mut at_labels);
-        }
-        let anywhere = match frame {
-            LabelFrame::Skin => skin.pixels().centres_m.clone(),
-            LabelFrame::Robot => vec![centroid(&at_labels)],
-        };
-        let mean_m =
-            |one: Point3| at_labels.iter().map(|&other| distance_m(one, other)).sum::<f64>() / labels.len() as f64;
-        let guess_m = anywhere.into_iter().map(mean_m).fold(f64::INFINITY, f64::min);
-        let uncalibrated = match frame {
-            LabelFrame::Robot => None,
-            LabelFrame::Skin => {
-                let before = |correction: &Correction| {
-                    (correction.method().to_string(), correction.quality().mean_error_before_m)
-                };
-                let corrections = corrections(methods, skin, differences, labels)?;
-                corrections.iter().map(before).min_by(|a, b| a.1.total_cmp(&b.1))
-            }
-        };
-        Ok(Alternatives { guess_m, uncalibrated })
     }
 
     /// Writes it to a folder, which is created.
@@ -208,6 +227,13 @@ fn corrections(
     }
     found.retain(|correction| correction.quality().found == correction.quality().labels);
     Ok(found)
+}
+
+/// The best of some corrections, where it locates the labels better than a forward map of this quality.
+fn better<'a>(corrections: &'a [Correction], map: &Quality) -> Option<&'a Correction> {
+    let error_m = |correction: &Correction| correction.quality().mean_error_m;
+    let best = corrections.iter().min_by(|a, b| error_m(a).total_cmp(&error_m(b)));
+    best.filter(|correction| error_m(correction) < map.mean_error_m)
 }
 
 fn can_be_refined(differences: &Differences) -> bool {

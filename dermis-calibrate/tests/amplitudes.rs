@@ -55,7 +55,7 @@ fn amplitudes_of_skin16_tell_its_faults() {
 }
 
 #[test]
-#[ignore = "minutes"]
+#[ignore = "slow: some minutes"]
 fn amplitudes_of_fifty_skins_tell_their_faults() {
     faults_are_told(MANY);
 }

@@ -13,36 +13,28 @@ use dermis_plot::report::Table;
 use serde_json::json;
 use std::collections::BTreeSet;
 
-/// Fits a calibration; without a method whichever is better. Shows that the program works.
+/// Fits a calibration; without a method whichever is better. Returns what it has to be better than, too. Shows that the program
+/// works.
 pub fn fit(
     skin: &Skin,
     differences: &Differences,
     labels: &[Label],
     frame: LabelFrame,
     method: Option<&str>,
-) -> Outcome<Fitted> {
+) -> Outcome<(Fitted, Alternatives)> {
     let _waiting = Progress::waiting("fitting the calibration");
-    Fitted::fit(&dermis_learn::methods(), skin, differences, labels, frame, method).map_err(|error| match error {
-        CalibrateError::Method(error) => match *error {
-            MethodError::Dermis(error) => error.into(),
-            error => {
-                let message = format!("--method {}: {error}", method.unwrap_or_default());
-                Failure::given(message, Some("or give --method forward-map"))
-            }
-        },
-        error => error.into(),
+    Fitted::fit_and_compare(&dermis_learn::methods(), skin, differences, labels, frame, method).map_err(|error| {
+        match error {
+            CalibrateError::Method(error) => match *error {
+                MethodError::Dermis(error) => error.into(),
+                error => {
+                    let message = format!("--method {}: {error}", method.unwrap_or_default());
+                    Failure::given(message, Some("or give --method forward-map"))
+                }
+            },
+            error => error.into(),
+        }
     })
-}
-
-/// What a calibration by some labels has to be better than.
-pub fn alternatives(
-    skin: &Skin,
-    differences: &Differences,
-    labels: &[Label],
-    frame: LabelFrame,
-) -> Outcome<Alternatives> {
-    let _waiting = Progress::waiting("comparing with no calibration");
-    Ok(Fitted::alternatives(&dermis_learn::methods(), skin, differences, labels, frame)?)
 }
 
 /// Its figures as JSON, SI units.

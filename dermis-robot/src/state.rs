@@ -303,6 +303,8 @@ impl RobotState {
     /// What is known now.
     pub fn snapshot(&self, now: Timestamp) -> Snapshot {
         let robot = &self.robot;
+        let postures: Vec<_> =
+            self.skins.iter().map(|skin| skin.frame.as_deref().and_then(|frame| self.posture(frame))).collect();
         let mut links: Vec<Wrench> = Vec::new();
         let (mut skins, mut unknown) = (Vec::new(), Vec::new());
         let mut torques = Some(vec![(0.0, 0.0); robot.kinematics().map_or(0, |known| known.movable().len())]);
@@ -319,7 +321,6 @@ impl RobotState {
             let mut of_skin = Wrench::zero(&worn.link);
             match (zone, frame) {
                 (Zone::Clear | Zone::Touched, Some(frame)) => {
-                    let at = self.posture(frame);
                     for tracked in &frame.contacts {
                         if !of_skin.add(&tracked.contact, &worn.origin, robot.friction()) {
                             of_skin.lacks(&worn.name);
@@ -331,7 +332,7 @@ impl RobotState {
                     }
                     torques = torques
                         .filter(|_| of_skin.complete)
-                        .and_then(|sum| self.with_torques(sum, index, &at.as_ref()?.1, &of_skin));
+                        .and_then(|sum| self.with_torques(sum, index, &postures[index].as_ref()?.1, &of_skin));
                 }
                 _ => {
                     unknown.push(worn.name.clone());
@@ -344,7 +345,7 @@ impl RobotState {
                 None => links.push(of_skin),
             }
         }
-        let contacts = self.seams.touches().iter().filter_map(|touch| self.contact(touch, now)).collect();
+        let contacts = self.seams.touches().iter().filter_map(|touch| self.contact(touch, &postures, now)).collect();
         let rules = robot.rules().iter().zip(&self.rules);
         Snapshot {
             robot: robot.name().into(),
@@ -379,8 +380,13 @@ impl RobotState {
         Some((joints, posture))
     }
 
-    /// A touch, by its contacts.
-    fn contact(&self, touch: &[Key], now: Timestamp) -> Option<RobotContact> {
+    /// A touch, by its contacts; `postures` are those of all skins when their frames were measured.
+    fn contact(
+        &self,
+        touch: &[Key],
+        postures: &[Option<(JointsAt, Posture<'_>)>],
+        now: Timestamp,
+    ) -> Option<RobotContact> {
         let of = |&(skin, id): &Key| {
             let tracked = self.contacts(skin, now).iter().find(|tracked| tracked.contact.id == id)?;
             Some((skin, tracked))
@@ -391,12 +397,12 @@ impl RobotState {
         tracked.contact.id = self.seams.id((skin, oldest.contact.id))?;
         let worn = &self.robot.skins()[skin];
         let (base, link) = (self.robot.base_index(), worn.link_index);
-        let at = self.skins[skin].frame.as_deref().and_then(|frame| self.posture(frame));
-        let pose = at.as_ref().and_then(|(_, posture)| posture.pose(base, link));
+        let at = postures[skin].as_ref();
+        let pose = at.and_then(|(_, posture)| posture.pose(base, link));
         let contact = &tracked.contact;
         let position_link_m = worn.origin.point(contact.position_m);
         let normal_link = worn.origin.vector(contact.normal);
-        let moved_m = at.as_ref().and_then(|(joints, posture)| {
+        let moved_m = at.and_then(|(joints, posture)| {
             let jacobian = posture.jacobian(base, link, position_link_m)?;
             // Joints that are not known do not move this link.
             let speeds: Vec<f64> =

@@ -100,8 +100,7 @@ impl Arguments {
         if !self.unlabelled {
             used.frames.truncate(labels.last().map_or(0, |label| label.row) + 1);
         }
-        let fitted = fitted::fit(&skin, &used, &labels, presses.frame(), method)?;
-        let alternatives = fitted::alternatives(&skin, &used, &labels, presses.frame())?;
+        let (fitted, alternatives) = fitted::fit(&skin, &used, &labels, presses.frame(), method)?;
         if let Some(reason) = alternatives.reason(&fitted) {
             let fix = "check that the labels belong to the frames, their rows, units and axes (dermis check-frames --truth), or \
                        label more presses";

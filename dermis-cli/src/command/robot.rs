@@ -295,7 +295,9 @@ impl RunArguments {
                 live.tare(skin.as_deref());
             }
             let Some(output) = live.next(SWING_EVERY) else { continue };
-            if matches!(output, RobotOutput::Event(_) | RobotOutput::Snapshot(_)) && self.jsonl.is_some() {
+            // Without a reader there is no line to make.
+            let is_read = self.jsonl.is_some() && server.as_ref().is_none_or(|server| server.readers() > 0);
+            if is_read && matches!(output, RobotOutput::Event(_) | RobotOutput::Snapshot(_)) {
                 let line = jsonl::line(&output).map_err(|error| Failure::Ours(error.to_string()))?;
                 match &server {
                     Some(server) => {

@@ -417,12 +417,9 @@ impl RobotLive {
     /// Says once that joint states do not come.
     fn check_joints(&mut self) {
         let robot = self.state.robot();
-        let source = match robot.joint_source() {
-            _ if robot.needed_joints().is_empty() => return,
-            JointSource::None => return,
-            JointSource::Udp(address) => format!("udp:{address}"),
-            JointSource::Ros2(topic) => format!("the topic {topic}"),
-        };
+        if robot.needed_joints().is_empty() || *robot.joint_source() == JointSource::None {
+            return;
+        }
         // The time begins with the first snapshot.
         let silent = lock_arrival(&self.joints_seen).get_or_insert_with(Instant::now).elapsed();
         let were_missing = std::mem::replace(&mut self.are_joints_missing, silent > JOINTS_MISSING);
@@ -431,6 +428,11 @@ impl RobotLive {
             self.notice(None, Notice { level: Severity::Info, text, at: clock::now() });
         }
         if self.are_joints_missing && !were_missing {
+            let source = match self.state.robot().joint_source() {
+                JointSource::None => return,
+                JointSource::Udp(address) => format!("udp:{address}"),
+                JointSource::Ros2(topic) => format!("the topic {topic}"),
+            };
             let text = format!(
                 "no joint states from {source} for {:.0} s: positions in the frame of the base are unknown",
                 silent.as_secs_f64()

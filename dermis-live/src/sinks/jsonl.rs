@@ -96,8 +96,8 @@ pub fn lines(shared: &LiveHandle) -> Arc<Mailbox<Event>> {
 /// # Errors
 /// A writer that fails; a closed one is not an error.
 pub fn write_lines(shared: &LiveHandle, mailbox: &Arc<Mailbox<Event>>, out: &mut dyn Write) -> std::io::Result<()> {
-    let write = |line: &[u8]| out.write_all(line).and_then(|()| out.flush());
-    let written = for_each_line(shared, mailbox, write);
+    let write = |frame: &FrameLine<'_>| out.write_all(&line(frame)?).and_then(|()| out.flush());
+    let written = for_each_frame(shared, mailbox, write);
     shared.unsubscribe(mailbox);
     match written {
         Err(error) if matches!(error.kind(), std::io::ErrorKind::BrokenPipe | std::io::ErrorKind::ConnectionReset) => {
@@ -107,16 +107,16 @@ pub fn write_lines(shared: &LiveHandle, mailbox: &Arc<Mailbox<Event>>, out: &mut
     }
 }
 
-fn for_each_line(
+fn for_each_frame(
     shared: &LiveHandle,
     mailbox: &Mailbox<Event>,
-    mut take: impl FnMut(&[u8]) -> std::io::Result<()>,
+    mut take: impl FnMut(&FrameLine<'_>) -> std::io::Result<()>,
 ) -> std::io::Result<()> {
     let frame_id = &shared.skin().design().frame_id();
     loop {
         match mailbox.take(Duration::from_secs(1)) {
             Popped::Item(Event::Frame(frame) | Event::Stale(frame)) => {
-                take(&line(&FrameLine { skipped: shared.skipped(), ..FrameLine::new(&frame, frame_id) })?)?;
+                take(&FrameLine { skipped: shared.skipped(), ..FrameLine::new(&frame, frame_id) })?;
             }
             Popped::Item(_) | Popped::TimedOut => {}
             Popped::Closed => return Ok(()),
@@ -142,8 +142,10 @@ pub fn serve_lines(shared: &Arc<LiveHandle>, address: &str) -> Result<(SocketAdd
     let server = LineServer::start(address)?;
     let (bound, shared, mailbox) = (server.address(), Arc::clone(shared), lines(shared));
     let run = move || {
-        let sent = for_each_line(&shared, &mailbox, |line| {
-            shared.add_dropped(LINES, server.send(line));
+        let sent = for_each_frame(&shared, &mailbox, |frame| {
+            if server.readers() > 0 {
+                shared.add_dropped(LINES, server.send(&line(frame)?));
+            }
             Ok(())
         });
         shared.unsubscribe(&mailbox);
