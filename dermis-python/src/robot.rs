@@ -9,9 +9,10 @@ use dermis_calibrate::Calibration;
 use dermis_emulate::robot::{RobotDevices, SWING_EVERY};
 use dermis_live::clock;
 use dermis_live::robot::{self as live, RobotOptions, RobotOutput};
-use dermis_robot::{Kinematics, Posture, RobotState};
+use dermis_robot::{Kinematics, Pose, Posture, RobotState, WornSkin};
 use dermis_sim::twin::TwinOptions;
 use pyo3::prelude::*;
+use pyo3::types::{IntoPyDict, PyDict};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -33,6 +34,23 @@ impl Robot {
     fn kinematics(&self) -> Outcome<&Kinematics> {
         let fix = "write description = \"robot.urdf\" in its file";
         self.robot.kinematics().ok_or_else(|| Failure::with_hint("the robot has no description", fix))
+    }
+
+    /// A value of each skin by its name, in the order of the file.
+    fn of_skins<'py, 'a, T: IntoPyObject<'py>>(
+        &'a self,
+        py: Python<'py>,
+        value: impl Fn(&'a WornSkin) -> T,
+    ) -> Outcome<Bound<'py, PyDict>> {
+        Ok(self.robot.skins().iter().map(|skin| (skin.name.as_str(), value(skin))).into_py_dict(py)?)
+    }
+
+    /// The index of a skin.
+    fn skin(&self, skin: &str) -> Outcome<usize> {
+        self.robot.skin(skin).ok_or_else(|| {
+            let names: Vec<&str> = self.robot.skins().iter().map(|skin| skin.name.as_str()).collect();
+            Failure::with_hint(format!("the robot has no skin `{skin}`"), &format!("one of {}", names.join(", ")))
+        })
     }
 
     /// The robot at positions by joint, and a link.
@@ -73,8 +91,25 @@ impl Robot {
 
     /// The designs of its skins, by name.
     #[getter]
-    fn skins(&self) -> BTreeMap<&str, &str> {
-        self.robot.skins().iter().map(|skin| (skin.name.as_str(), skin.design.as_str())).collect()
+    fn skins<'py>(&self, py: Python<'py>) -> Outcome<Bound<'py, PyDict>> {
+        self.of_skins(py, |skin| skin.design.as_str())
+    }
+
+    /// The links that wear its skins, by name of the skin.
+    #[getter]
+    fn skin_links<'py>(&self, py: Python<'py>) -> Outcome<Bound<'py, PyDict>> {
+        self.of_skins(py, |skin| skin.link.as_str())
+    }
+
+    /// The methods of its skins, by name; None for the best one of the skin.
+    #[getter]
+    fn skin_methods<'py>(&self, py: Python<'py>) -> Outcome<Bound<'py, PyDict>> {
+        self.of_skins(py, |skin| skin.method.as_deref())
+    }
+
+    #[doc = stub_doc!(Robot.origin)]
+    fn origin<'py>(&self, py: Python<'py>, skin: &str) -> Outcome<Bound<'py, PyAny>> {
+        matrix(py, &self.robot.skins()[self.skin(skin)?].origin)
     }
 
     /// Its links.
@@ -107,10 +142,7 @@ impl Robot {
         frame: &Bound<'_, Frame>,
         time_s: Option<f64>,
     ) -> Outcome<Bound<'py, PyAny>> {
-        let index = self.robot.skin(skin).ok_or_else(|| {
-            let names: Vec<&str> = self.robot.skins().iter().map(|skin| skin.name.as_str()).collect();
-            Failure::with_hint(format!("the robot has no skin `{skin}`"), &format!("one of {}", names.join(", ")))
-        })?;
+        let index = self.skin(skin)?;
         let events = self.state().frame(index, frame.get().frame(), time(time_s)?);
         loads(py, &events)
     }
@@ -133,9 +165,7 @@ impl Robot {
     fn pose<'py>(&self, py: Python<'py>, link: &str, positions: BTreeMap<String, f64>) -> Outcome<Bound<'py, PyAny>> {
         let (posture, [base, link_index]) = self.at(link, &positions)?;
         let pose = posture.pose(base, link_index).ok_or_else(|| unknown_pose(link))?;
-        let row = |row: usize| pose.rotation[row].into_iter().chain([pose.translation_m[row]]);
-        let values: Vec<f64> = (0..3).flat_map(row).chain([0.0, 0.0, 0.0, 1.0]).collect();
-        arrays::rows(py, values, &[4, 4], true)
+        matrix(py, &pose)
     }
 
     #[doc = stub_doc!(Robot.jacobian)]
@@ -318,6 +348,13 @@ impl Drop for RobotLive {
             std::mem::forget(running);
         }
     }
+}
+
+/// A pose, (4, 4), m.
+fn matrix<'py>(py: Python<'py>, pose: &Pose) -> Outcome<Bound<'py, PyAny>> {
+    let row = |row: usize| pose.rotation[row].into_iter().chain([pose.translation_m[row]]);
+    let values: Vec<f64> = (0..3).flat_map(row).chain([0.0, 0.0, 0.0, 1.0]).collect();
+    arrays::rows(py, values, &[4, 4], true)
 }
 
 fn unknown_pose(link: &str) -> Failure {

@@ -422,7 +422,22 @@ class Robot:
 
     @property
     def skins(self) -> dict[str, str]:
-        """The designs of its skins, by name."""
+        """The designs of its skins, by name, in the order of the file."""
+
+    @property
+    def skin_links(self) -> dict[str, str]:
+        """The links that wear its skins, by name of the skin."""
+
+    @property
+    def skin_methods(self) -> dict[str, str | None]:
+        """The methods of its skins, by name; None for the best one of the skin."""
+
+    def origin(self, skin: str) -> NDArray[np.float64]:
+        """The pose of a skin's frame in that of its link, (4, 4), m.
+
+        Args:
+            skin: Name of the skin.
+        """
 
     @property
     def links(self) -> list[str]:

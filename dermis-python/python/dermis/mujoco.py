@@ -20,12 +20,9 @@
 (True, 1)
 """
 
-import os
-import tomllib
 from collections.abc import Callable, Iterator
 from functools import partial
 from os import PathLike
-from pathlib import Path
 from typing import Any, NamedTuple
 from xml.sax.saxutils import quoteattr
 
@@ -580,22 +577,15 @@ class _Placed(NamedTuple):
 
 
 def _robot(path: str | PathLike[str]) -> tuple[Robot, dict[str, _Placed]]:
-    """The robot of a file, with its skins by name. The robot has checked the file."""
+    """The robot of a file, with its skins by name."""
     robot = Robot(path)
     if robot.base is None:
         fix = 'write description = "robot.urdf" in its file: `dermis.mujoco.describe` makes one of a model'
         raise DermisError("the robot has no description", hint=fix)
-    skins = {}
-    for table in tomllib.loads(Path(path).read_text(encoding="utf-8"))["skin"]:
-        origin, method = table.get("origin", {}), table.get("method")
-        turn = np.zeros(4)
-        mujoco.mju_euler2Quat(turn, np.array(origin.get("rpy_rad", np.zeros(3)), dtype=float), "XYZ")
-        if "quaternion" in origin:
-            turn = np.roll(origin["quaternion"], 1)
-        if method and set(method) & {"/", "\\"}:
-            method = os.fspath(Path(path).parent / method)
-        pose = _pose(origin.get("xyz_m", np.zeros(3)), turn)
-        skins[table["name"]] = _Placed(robot.skins[table["name"]], table["link"], pose, method)
+    methods, links = robot.skin_methods, robot.skin_links
+    skins = {
+        name: _Placed(design, links[name], robot.origin(name), methods[name]) for name, design in robot.skins.items()
+    }
     return robot, skins
 
 
