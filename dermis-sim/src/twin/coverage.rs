@@ -69,10 +69,12 @@ impl Cover {
         let mut sums = vec![0.0; products.columns];
         Arch::new().dispatch(Sums { points: &self.points, conductances_s_per_m2, products, sums: &mut sums });
         let mut matrix = Matrix::zeros(*count, *count);
-        let pairs = (0..*count).flat_map(|k| (0..=k).map(move |l| (k, l)));
-        for ((k, l), sum) in pairs.zip(sums) {
-            *matrix.at_mut(k, l) = sum;
-            *matrix.at_mut(l, k) = sum;
+        let mut sums = sums.into_iter();
+        for k in 0..*count {
+            for (l, sum) in (0..=k).zip(&mut sums) {
+                *matrix.at_mut(k, l) = sum;
+                *matrix.at_mut(l, k) = sum;
+            }
         }
         matrix
     }
@@ -173,14 +175,14 @@ fn cut(
         [first[0] + step[0], first[1] + step[1]]
     });
     let [low, high] = bounding_box(corners);
-    for (patch, shift) in grid.patches_between(low, high) {
+    grid.visit_between(low, high, |patch, shift| {
         if wanted.is_some_and(|wanted| !wanted[patch]) {
-            continue;
+            return;
         }
         let triangle = corners.map(|corner| [corner[0] - shift, corner[1]]);
         grid.clip_in(patch, &triangle, memory);
         let part = &memory[0];
-        let Some(&origin) = part.first() else { continue };
+        let Some(&origin) = part.first() else { return };
         for pair in part.windows(2).skip(1) {
             let part = [origin, pair[0], pair[1]];
             if polygon::signed_area(&part) != 0.0 {
@@ -191,7 +193,7 @@ fn cut(
                 pieces.push(Piece { nodes: *nodes, triangle, part });
             }
         }
-    }
+    });
 }
 
 /// Eight pieces at once.
@@ -447,10 +449,12 @@ impl Basis {
     fn moments(&self, pieces: &[Piece], polynomials: &mut Polynomials, row_of_node: &mut [usize]) -> ConductorMoments {
         let count = polynomials.products.len();
         let mut nodes: Vec<usize> = Vec::with_capacity(pieces.len());
-        for &node in pieces.iter().flat_map(|piece| &piece.nodes) {
-            if row_of_node[node] == usize::MAX {
-                row_of_node[node] = nodes.len();
-                nodes.push(node);
+        for piece in pieces {
+            for node in piece.nodes {
+                if row_of_node[node] == usize::MAX {
+                    row_of_node[node] = nodes.len();
+                    nodes.push(node);
+                }
             }
         }
         nodes.sort_unstable();

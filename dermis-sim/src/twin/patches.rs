@@ -286,19 +286,25 @@ impl PatchGrid {
         }
     }
 
-    /// The patches that may overlap a box of the chart, each with its shift by whole periods, m.
-    pub(super) fn patches_between(&self, low: Point2, high: Point2) -> impl Iterator<Item = (usize, f64)> {
+    /// Visits the patches that may overlap a box of the chart, each with its shift by whole periods, m.
+    ///
+    /// Two loops, not a nested iterator: samples with small patches take 4 % less time.
+    #[inline]
+    pub(super) fn visit_between(&self, low: Point2, high: Point2, mut visit: impl FnMut(usize, f64)) {
         let [round_m, along_m] = self.overhang_m;
-        self.along.lines_between(low[1] - along_m, high[1] + along_m).flat_map(move |(row, _)| {
-            let columns = self.columns(row).lines_between(low[0] - round_m, high[0] + round_m);
-            columns.map(move |(column, shift)| (self.patch(row, column), shift))
-        })
+        for (row, _) in self.along.lines_between(low[1] - along_m, high[1] + along_m) {
+            for (column, shift_m) in self.columns(row).lines_between(low[0] - round_m, high[0] + round_m) {
+                visit(self.patch(row, column), shift_m);
+            }
+        }
     }
 
     /// The patches that may be within a distance of a position in the chart.
     pub(super) fn patches_near(&self, [round, along]: Point2, reach_m: f64) -> Vec<usize> {
         let (low, high) = ([round - reach_m, along - reach_m], [round + reach_m, along + reach_m]);
-        self.patches_between(low, high).map(|(patch, _)| patch).collect()
+        let mut patches = Vec::new();
+        self.visit_between(low, high, |patch, _| patches.push(patch));
+        patches
     }
 }
 
@@ -383,11 +389,13 @@ pub(super) mod tests {
                 for k in 0..500 {
                     let share = [(k as f64 * 0.754_877_67).fract(), (k as f64 * 0.569_840_29).fract()];
                     let point = [low[0] + share[0] * size[0], low[1] + share[1] * size[1]];
-                    let holds = |(patch, shift): &(usize, f64)| {
-                        let [low, high] = grid.corners_m(*patch);
-                        (low[0]..high[0]).contains(&(point[0] - shift)) && (low[1]..high[1]).contains(&point[1])
-                    };
-                    assert_eq!(grid.patches_between(point, point).filter(holds).count(), 1, "{body:?} {point:?}");
+                    let mut holding = 0;
+                    grid.visit_between(point, point, |patch, shift_m| {
+                        let [low, high] = grid.corners_m(patch);
+                        let inside = (low[0]..high[0]).contains(&(point[0] - shift_m));
+                        holding += usize::from(inside && (low[1]..high[1]).contains(&point[1]));
+                    });
+                    assert_eq!(holding, 1, "{body:?} {point:?}");
                 }
             }
         }
