@@ -45,6 +45,9 @@ pub struct Arguments {
     /// Take it as known where the patches lie on the coat.
     #[arg(long)]
     known_patches: bool,
+    /// Tell two presses from one object of any length and direction, not only from one press by a ball.
+    #[arg(long)]
+    any_form: bool,
     /// Leave out the values that use an electrode, as if it were disconnected. May be given more than once.
     #[arg(long, value_name = "N", value_parser = count(0..=1023usize))]
     without_electrode: Vec<usize>,
@@ -124,6 +127,7 @@ impl Arguments {
                 tip_radius_m: self.tip_radius,
                 drift,
                 known_patches: self.known_patches,
+                known_form: !self.any_form,
                 ..BoundOptions::default()
             },
             without_electrodes: self.without_electrode.clone(),

@@ -76,12 +76,21 @@ pub struct BoundOptions {
     pub drift: Option<DriftSpread>,
     /// Whether it is known where the patches lie on the coat.
     pub known_patches: bool,
+    /// Whether a touch is known to be a press by a ball. If not, two presses must also be told from one object of any length.
+    pub known_form: bool,
 }
 
 impl Default for BoundOptions {
     /// A press of 2 N with a tip of 5 mm in one frame.
     fn default() -> Self {
-        BoundOptions { force_n: 2.0, tip_radius_m: 0.005, frames: 1, drift: None, known_patches: false }
+        BoundOptions {
+            force_n: 2.0,
+            tip_radius_m: 0.005,
+            frames: 1,
+            drift: None,
+            known_patches: false,
+            known_form: true,
+        }
     }
 }
 
@@ -300,8 +309,8 @@ struct Response {
 
 /// The equations of the parameters of a press from the whitened changes of a frame by each, what is left of the frame
 /// (zeros, for the information alone), and the distance of the logarithm of the tip radius from the usual one.
-fn equations(columns: &[Vec<f64>; PARAMETERS], residuals: &[f64], log_radius: f64) -> Normal {
-    let mut normal = Normal::new(&columns.each_ref().map(Vec::as_slice), residuals);
+fn equations(columns: &[Vec<f64>], residuals: &[f64], log_radius: f64) -> Normal {
+    let mut normal = Normal::new(&columns.iter().map(Vec::as_slice).collect::<Vec<_>>(), residuals);
     normal.add_prior(LOG_RADIUS, LOG_RADIUS_SD.powi(-2), log_radius);
     normal
 }

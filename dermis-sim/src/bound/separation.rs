@@ -1,11 +1,11 @@
 //! The distance at which two presses are told from one.
 
 use super::precision::Precision;
-use super::{Bounds, LOG_RADIUS_SD, LOG_STEP, PARAMETERS, STEP_M, difference, equations, smallest};
+use super::{Bounds, LOG_RADIUS, LOG_RADIUS_SD, LOG_STEP, PARAMETERS, STEP_M, difference, equations, smallest};
 use crate::elementary::{erf, exp};
 use crate::twin::{Press, TwinError};
 use dermis::estimate::least_squares::{Control, LeastSquares, Normal, Steps, minimise};
-use dermis::geom::Point3;
+use dermis::geom::{Point2, Point3};
 use dermis::linalg::{NotPositiveDefinite, dot};
 use dermis::stats::bisect;
 use std::f64::consts::{FRAC_PI_2, PI, SQRT_2};
@@ -20,6 +20,10 @@ const DISTANCES_M: [f64; 2] = [0.001, 0.2];
 const ACCURACY: f64 = 0.02;
 /// The misfit of small distances grows with this power of theirs.
 const POWER_OF_DISTANCE: f64 = 4.0;
+/// A press of unknown form is a row of this many equal ones, between which the pressure hardly falls.
+const ROW: u32 = 7;
+/// The row's half length where the fit begins, as a share of that of the pair: a row has the variance of the pair at 1.5.
+const FIRST_LENGTHS: [f64; 2] = [1.2, 0.1];
 /// The steps of the fit of one press. A step whose parts are a nanometre and a billionth of the force is none.
 const STEPS: Steps = Steps {
     most: 40,
@@ -34,12 +38,14 @@ impl Bounds {
     /// The generalised likelihood ratio (Kay, Detection Theory, 1998, section 6.5) compares two presses with one of any
     /// place, force and tip radius. The second press adds three parameters, its place and its force, so twice the
     /// logarithm of the ratio has a chi-square distribution with three degrees of freedom; its noncentrality is the misfit
-    /// of the best single press.
+    /// of the best single press. A single press of any form is a row of presses of any length and direction, which are two
+    /// more parameters: one degree of freedom is left.
     ///
     /// # Errors
     /// Presses that the twin cannot simulate; a body without a chart.
     pub fn told_apart(&self, pair: &[Press; 2]) -> crate::Result<f64> {
-        Ok(1.0 - noncentral_chi_square_3(threshold(), self.misfit_of_one(pair, 0.0)?))
+        let freedom = self.freedom();
+        Ok(1.0 - freedom.distribution(freedom.threshold(), self.misfit_of_one(pair, 0.0)?))
     }
 
     /// The smallest distance at which two equal presses are told from one in 90 % of the cases; `None` if 200 mm is not
@@ -53,7 +59,7 @@ impl Bounds {
 
     /// The same, `None` if it is above a distance.
     fn separation_up_to(&self, place_m: Point3, direction_rad: f64, most_m: f64) -> crate::Result<Option<f64>> {
-        let needed = needed_misfit();
+        let needed = self.freedom().needed_misfit();
         let [low, mut high] = [DISTANCES_M[0], most_m];
         let misfit = |distance_m: f64| self.misfit_of_one(&self.pair(place_m, distance_m, direction_rad), needed);
         while high > low && self.clean(&self.pair(place_m, high, direction_rad)).is_err() {
@@ -95,16 +101,34 @@ impl Bounds {
         // From the centre of force, and from each of them: one press may hide the other.
         let [a, b] = pair;
         let force_n = a.force_n + b.force_n;
-        let step = self.surface().chart(a.centre_m, b.centre_m).map(|step| step * b.force_n / force_n);
+        let apart = self.surface().chart(a.centre_m, b.centre_m);
+        let step = apart.map(|step| step * b.force_n / force_n);
         let both = Press { centre_m: self.surface().walk(a.centre_m, step), force_n, ..*a };
+        let lengths = if self.options.known_form { &[0.0][..] } else { &FIRST_LENGTHS };
         let mut least = f64::INFINITY;
-        for start in [both, *a, *b] {
-            if least >= enough {
-                least = least.min(fit.least_misfit(start));
+        for press in [both, *a, *b] {
+            for length in lengths {
+                let half_m = apart.map(|step| 0.5 * length * step);
+                if least >= enough {
+                    least = least.min(fit.least_misfit(One { press, half_m }));
+                }
             }
         }
         Ok(least)
     }
+
+    fn freedom(&self) -> Freedom {
+        if self.options.known_form { Freedom::Three } else { Freedom::One }
+    }
+}
+
+/// One object: a press, or a row of presses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct One {
+    /// All of its force, at its middle.
+    press: Press,
+    /// From the middle to the end of the row, along the surface, m.
+    half_m: Point2,
 }
 
 /// The fit of one press to a frame.
@@ -116,36 +140,72 @@ struct SingleFit<'a> {
     enough: f64,
 }
 
-/// A press and its misfit: squared and in units of the noise, with the tip radius as one more reading.
+/// An object and its misfit: squared and in units of the noise, with the tip radius as one more reading.
 struct Candidate {
-    press: Press,
+    one: One,
     misfit: f64,
     residuals: Vec<f64>,
 }
 
 impl SingleFit<'_> {
     /// The smallest misfit from a start; infinite if the skin does not bear the start.
-    fn least_misfit(&self, start: Press) -> f64 {
+    fn least_misfit(&self, start: One) -> f64 {
         let Some(start) = self.candidate(start) else { return f64::INFINITY };
         minimise(self, start, &STEPS).map_or(f64::INFINITY, |found| found.point.misfit)
     }
 
-    /// The misfit of a press; `None` if the skin does not bear it.
-    fn candidate(&self, press: Press) -> Option<Candidate> {
-        let frame = self.bounds.clean(&[press]).ok()?;
-        let residuals = self.precision.whiten(difference(&self.target, &frame));
-        let misfit = dot(&residuals, &residuals) + (self.log_radius(&press) / LOG_RADIUS_SD).powi(2);
-        Some(Candidate { press, misfit, residuals })
+    /// The misfit of an object; `None` if the skin does not bear it.
+    fn candidate(&self, one: One) -> Option<Candidate> {
+        let residuals = self.residuals(&one).ok()?;
+        let misfit = dot(&residuals, &residuals) + (self.log_radius(&one.press) / LOG_RADIUS_SD).powi(2);
+        Some(Candidate { one, misfit, residuals })
+    }
+
+    /// What an object leaves of the frame, whitened.
+    fn residuals(&self, one: &One) -> crate::Result<Vec<f64>> {
+        Ok(self.precision.whiten(difference(&self.target, &self.bounds.clean(&self.presses(one))?)))
+    }
+
+    fn presses(&self, one: &One) -> Vec<Press> {
+        if self.bounds.options.known_form {
+            return vec![one.press];
+        }
+        let at = |index: u32| {
+            let part = 2.0 * f64::from(index) / f64::from(ROW - 1) - 1.0;
+            let centre_m = self.bounds.surface().walk(one.press.centre_m, one.half_m.map(|half| part * half));
+            Press { centre_m, force_n: one.press.force_n / f64::from(ROW), ..one.press }
+        };
+        (0..ROW).map(at).collect()
+    }
+
+    /// The steps of the parameters: those of a press, and of the row's end.
+    fn steps(&self) -> &[f64] {
+        let steps = &[STEP_M, STEP_M, LOG_STEP, LOG_STEP, STEP_M, STEP_M];
+        if self.bounds.options.known_form { &steps[..PARAMETERS] } else { steps }
     }
 
     /// The change of the frame by each parameter, as one-sided quotients: they set the way to the minimum, not the minimum.
-    fn derivatives(&self, at: &Candidate, normal: Point3) -> crate::Result<[Vec<f64>; PARAMETERS]> {
-        let column = |[moved, _]: [Press; 2], step: f64| -> crate::Result<Vec<f64>> {
-            let residuals = self.precision.whiten(difference(&self.target, &self.bounds.clean(&[moved])?));
-            Ok(at.residuals.iter().zip(&residuals).map(|(here, there)| (here - there) / step).collect())
+    fn derivatives(&self, at: &Candidate) -> crate::Result<Vec<Vec<f64>>> {
+        let column = |(index, size): (usize, &f64)| -> crate::Result<Vec<f64>> {
+            let mut step = [0.0; PARAMETERS + 2];
+            step[index] = *size;
+            let residuals = self.residuals(&self.stepped(&at.one, &step))?;
+            Ok(at.residuals.iter().zip(&residuals).map(|(here, there)| (here - there) / size).collect())
         };
-        let [around, along, force, radius] = self.bounds.steps(&at.press, normal);
-        Ok([column(around, STEP_M)?, column(along, STEP_M)?, column(force, LOG_STEP)?, column(radius, LOG_STEP)?])
+        self.steps().iter().enumerate().map(column).collect()
+    }
+
+    /// An object after a step of its parameters.
+    fn stepped(&self, One { press, half_m }: &One, step: &[f64]) -> One {
+        let along = |axis: usize| step.get(PARAMETERS + axis).copied().unwrap_or(0.0);
+        One {
+            press: Press {
+                centre_m: self.bounds.surface().walk(press.centre_m, [step[0], step[1]]),
+                force_n: press.force_n * exp(step[2]),
+                tip_radius_m: press.tip_radius_m * exp(step[LOG_RADIUS]),
+            },
+            half_m: [half_m[0] + along(0), half_m[1] + along(1)],
+        }
     }
 
     fn log_radius(&self, press: &Press) -> f64 {
@@ -162,26 +222,23 @@ impl LeastSquares for SingleFit<'_> {
         point.misfit
     }
 
-    /// Where the place has no derivatives, at an edge, or no effect, the press stays where it is.
+    /// Where the place has no derivatives, at an edge, or no effect, the object stays where it is.
     fn equations(&self, at: &Candidate) -> Result<Normal, NotPositiveDefinite> {
-        let normal = self.bounds.surface().normal(at.press.centre_m);
-        let columns = normal.and_then(|normal| self.derivatives(at, normal).ok());
-        let found = columns.map(|columns| equations(&columns, &at.residuals, self.log_radius(&at.press)));
-        let still = || Normal::new(&[&[][..]; PARAMETERS], &[]).with_unit_priors(&[0.0; PARAMETERS]);
+        let has_normal = self.bounds.surface().normal(at.one.press.centre_m).is_some();
+        let columns = has_normal.then(|| self.derivatives(at).ok()).flatten();
+        let found = columns.map(|columns| equations(&columns, &at.residuals, self.log_radius(&at.one.press)));
+        let zeros = vec![0.0; self.steps().len()];
+        let still = || Normal::new(&vec![&[][..]; zeros.len()], &[]).with_unit_priors(&zeros);
         Ok(found.filter(|found| found.factor().is_ok()).unwrap_or_else(still))
     }
 
     /// Force and tip radius change by at most a factor of e.
     fn limit(&self, _: &Candidate, step: &mut [f64]) {
-        step[2..].iter_mut().for_each(|part| *part = part.clamp(-1.0, 1.0));
+        step[2..PARAMETERS].iter_mut().for_each(|part| *part = part.clamp(-1.0, 1.0));
     }
 
-    fn moved(&self, Candidate { press, .. }: &Candidate, step: &[f64]) -> Option<Candidate> {
-        self.candidate(Press {
-            centre_m: self.bounds.surface().walk(press.centre_m, [step[0], step[1]]),
-            force_n: press.force_n * exp(step[2]),
-            tip_radius_m: press.tip_radius_m * exp(step[3]),
-        })
+    fn moved(&self, at: &Candidate, step: &[f64]) -> Option<Candidate> {
+        self.candidate(self.stepped(&at.one, step))
     }
 
     fn is_enough(&self, point: &Candidate, _: usize) -> bool {
@@ -189,29 +246,39 @@ impl LeastSquares for SingleFit<'_> {
     }
 }
 
-/// The value that the test exceeds for one press in 1 % of the cases.
-fn threshold() -> f64 {
-    bisect([0.0, 100.0], 100, |value| noncentral_chi_square_3(value, 0.0) > 1.0 - FALSE_SPLITS)
+/// The degrees of freedom of the test: the parameters that the second press adds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Freedom {
+    One,
+    Three,
 }
 
-/// The misfit that exceeds the threshold in 90 % of the cases.
-fn needed_misfit() -> f64 {
-    let threshold = threshold();
-    bisect([0.0, 1000.0], 100, |misfit| noncentral_chi_square_3(threshold, misfit) < 1.0 - POWER)
-}
-
-/// The distribution function of the noncentral chi-square distribution with three degrees of freedom: the probability
-/// that a point with a normal distribution in space, its mean at the distance `sqrt(noncentrality)`, is nearer to the
-/// origin than `sqrt(value)`.
-fn noncentral_chi_square_3(value: f64, noncentrality: f64) -> f64 {
-    let (radius, mean) = (value.sqrt(), noncentrality.sqrt());
-    let inside = 0.5 * (erf((radius - mean) / SQRT_2) + erf((radius + mean) / SQRT_2));
-    let density = |at: f64| exp(-0.5 * at * at) / (2.0 * PI).sqrt();
-    // The limit for a mean at the origin.
-    if mean < 1e-6 {
-        return inside - 2.0 * radius * density(radius);
+impl Freedom {
+    /// The value that the test exceeds for one press in 1 % of the cases.
+    fn threshold(self) -> f64 {
+        bisect([0.0, 100.0], 100, |value| self.distribution(value, 0.0) > 1.0 - FALSE_SPLITS)
     }
-    inside - (density(radius - mean) - density(radius + mean)) / mean
+
+    /// The misfit that exceeds the threshold in 90 % of the cases.
+    fn needed_misfit(self) -> f64 {
+        let threshold = self.threshold();
+        bisect([0.0, 1000.0], 100, |misfit| self.distribution(threshold, misfit) < 1.0 - POWER)
+    }
+
+    /// The distribution function of the noncentral chi-square distribution: the probability that a point with a normal
+    /// distribution on a line or in space, its mean at the distance `sqrt(noncentrality)`, is nearer to the origin than
+    /// `sqrt(value)`.
+    fn distribution(self, value: f64, noncentrality: f64) -> f64 {
+        let (radius, mean) = (value.sqrt(), noncentrality.sqrt());
+        let inside = 0.5 * (erf((radius - mean) / SQRT_2) + erf((radius + mean) / SQRT_2));
+        let density = |at: f64| exp(-0.5 * at * at) / (2.0 * PI).sqrt();
+        match self {
+            Freedom::One => inside,
+            // The limit for a mean at the origin.
+            Freedom::Three if mean < 1e-6 => inside - 2.0 * radius * density(radius),
+            Freedom::Three => inside - (density(radius - mean) - density(radius + mean)) / mean,
+        }
+    }
 }
 
 #[cfg(test)]
@@ -219,16 +286,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_noncentral_chi_square_distribution_of_three_degrees() {
-        // scipy.stats.chi2.ppf(0.99, 3) and ncx2.cdf(value, 3, noncentrality).
-        assert!((threshold() - 11.344_866_730_144_373).abs() < 1e-9);
+    fn the_noncentral_chi_square_distributions() {
+        // scipy.stats.chi2.ppf(0.99, n) and ncx2.cdf(value, n, noncentrality), n = 3 and 1.
+        let (one, three) = (Freedom::One, Freedom::Three);
+        assert!((three.threshold() - 11.344_866_730_144_373).abs() < 1e-9);
+        assert!((one.threshold() - 6.634_896_601_021_214).abs() < 1e-9);
         let cases = [
-            (threshold(), 5.0, 0.777_220_531_604_868_5),
-            (threshold(), 17.4, 0.141_678_724_652_405_3),
-            (2.0, 4.0, 0.111_254_374_579_325_74),
+            (three, three.threshold(), 5.0, 0.777_220_531_604_868_5),
+            (three, three.threshold(), 17.4, 0.141_678_724_652_405_3),
+            (three, 2.0, 4.0, 0.111_254_374_579_325_74),
+            (one, 6.0, 5.0, 0.584_499_601_349_272_3),
+            (one, 2.0, 4.0, 0.278_689_687_340_667_07),
         ];
-        for (value, noncentrality, probability) in cases {
-            assert!((noncentral_chi_square_3(value, noncentrality) - probability).abs() < 1e-9, "{noncentrality}");
+        for (freedom, value, noncentrality, probability) in cases {
+            let found = freedom.distribution(value, noncentrality);
+            assert!((found - probability).abs() < 1e-9, "{freedom:?} {noncentrality}: {found}");
         }
     }
 }
