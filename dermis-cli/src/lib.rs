@@ -28,6 +28,7 @@ mod rows;
 mod sinks;
 mod skin;
 mod source;
+mod twin;
 mod used;
 
 pub use command::train::losses;

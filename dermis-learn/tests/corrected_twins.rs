@@ -37,7 +37,14 @@ struct Experiment {
 }
 
 fn experiment(skin: &Skin, twin: &str, seed: u64, labels: usize) -> Experiment {
-    let sizes = Sizes { grid_step: 100, random: labels + SCORED, separations_m: vec![0.05], pairs: 100, fours: 100 };
+    let sizes = Sizes {
+        grid_step: 100,
+        random: labels + SCORED,
+        separations_m: vec![0.05],
+        pairs: 100,
+        fours: 100,
+        ..Sizes::default()
+    };
     let options = TwinOptions::shipped(twin).unwrap();
     let drawn = PaperExperiment::draw(skin.design(), skin.mesh(), skin.pixels(), &options, seed, &sizes).unwrap();
     let Sets { random, two, four, .. } = drawn.record(|| ()).unwrap();

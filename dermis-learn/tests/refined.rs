@@ -47,7 +47,7 @@ fn benchmark(twin: &str, method: &str, seed: u64, sizes: Sizes) -> BenchmarkResu
 }
 
 fn small() -> Sizes {
-    Sizes { grid_step: 12, random: 75, separations_m: vec![0.06], pairs: 10, fours: 40 }
+    Sizes { grid_step: 12, random: 75, separations_m: vec![0.06], pairs: 10, fours: 40, ..Sizes::default() }
 }
 
 /// A twin has uneven coating, displaced electrodes, patches, contacts, noise and a mesh that the refinement knows

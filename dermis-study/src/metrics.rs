@@ -216,7 +216,7 @@ fn scores(of: &[&FamilyScore]) -> [String; 5] {
 
 /// Number of frames of [`dermis_sim::evaluate::Benchmark::run`] for this size, on a skin with `pixels` pixels.
 pub fn benchmark_frames(size: &BenchmarkOptions, pixels: usize) -> usize {
-    let Sizes { grid_step, random, separations_m, pairs, fours } = &size.sizes;
+    let Sizes { grid_step, random, separations_m, pairs, fours, .. } = &size.sizes;
     pixels.div_ceil(*grid_step)
         + random
         + separations_m.len() * pairs

@@ -5,6 +5,7 @@ use crate::failure::Outcome;
 use crate::method::MethodArguments;
 use crate::range::{count, seed};
 use crate::skin;
+use crate::twin::TwinArguments;
 use clap::Args;
 use dermis::design::MAX_ELECTRODES;
 use dermis::frame::Differences;
@@ -25,9 +26,8 @@ use std::path::PathBuf;
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Digital twin: the path of a file, or a shipped name (ideal, lab, lab-b, lab-c, harsh).
-    #[arg(long, value_name = "TWIN", default_value = "lab")]
-    twin: String,
+    #[command(flatten)]
+    twin: TwinArguments,
     /// Number of twins.
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = count(1..=100_000u64))]
     twins: u64,
@@ -56,7 +56,7 @@ pub struct Arguments {
     dead: usize,
     /// Score pins, balls, palms, edges and two fingers on skins with patches of 4 to 20 mm or none, foam of 1.5 to 4 mm, coats of
     /// 0 to 30 %, electrodes off by 0 to 1.5 mm (rms) and 40 to 90 dB, drawn from the seeds; the twin gives the rest.
-    #[arg(long, conflicts_with_all = ["map", "curve", "dead"])]
+    #[arg(long, conflicts_with_all = ["map", "curve", "dead", "noise"])]
     families: bool,
     /// Print JSON (SI units) instead of a table.
     #[arg(long)]
@@ -71,7 +71,7 @@ impl Arguments {
     /// Runs the benchmark on every twin.
     pub fn run(self) -> Outcome {
         let skin = skin::load(&self.design)?;
-        let twin = TwinOptions::load(&self.twin)?;
+        let twin = self.twin.load()?;
         let method = self.method.prepare(&skin, &Differences::default())?;
         let seeds = self.seed..self.seed + self.twins;
         if self.families {
@@ -133,7 +133,7 @@ impl Arguments {
 
     /// The twins of the results.
     fn twins(&self) -> String {
-        format!("{} `{}`", counted(self.twins as usize, "twin"), self.twin)
+        format!("{} `{}`", counted(self.twins as usize, "twin"), self.twin.name)
     }
 
     /// The fraction of resolved pairs of touches against their distance and that which the skin allows, with a line at

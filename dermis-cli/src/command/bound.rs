@@ -4,6 +4,7 @@ use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
 use crate::range::{count, number};
 use crate::skin;
+use crate::twin::TwinArguments;
 use clap::Args;
 use dermis::estimate::drift::DriftSpread;
 use dermis::frame::write_whole;
@@ -13,7 +14,6 @@ use dermis_plot::chart::Cumulative;
 use dermis_plot::report::Table;
 use dermis_plot::{Key, Picture, Scale, skin_map};
 use dermis_sim::bound::{BoundMap, BoundOptions, MapOptions, PlaceBounds, Spread, map_bounds};
-use dermis_sim::twin::TwinOptions;
 use std::path::PathBuf;
 
 /// The arguments of `dermis bound`.
@@ -23,12 +23,8 @@ use std::path::PathBuf;
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Digital twin whose presses, noise and drift are assumed: the path of a file, or a shipped name.
-    #[arg(long, value_name = "TWIN", default_value = "lab")]
-    twin: String,
-    /// Signal-to-noise ratio of a reading, instead of that of the twin, dB.
-    #[arg(long, value_name = "DB", value_parser = number(-20.0..=200.0))]
-    noise: Option<f64>,
+    #[command(flatten)]
+    twin: TwinArguments,
     /// Force of the presses, N.
     #[arg(long, value_name = "N", default_value_t = 2.0, value_parser = number(1e-3..=1e3))]
     force: f64,
@@ -83,8 +79,7 @@ impl Arguments {
     pub fn run(self) -> Outcome {
         self.check()?;
         let skin = skin::load(&self.design)?;
-        let mut twin = TwinOptions::load(&self.twin)?;
-        twin.electronics.snr_db = self.noise.or(twin.electronics.snr_db);
+        let twin = self.twin.load()?;
         let progress = Progress::new("bounds", skin.pixels().len());
         let found = map_bounds(&skin, &twin, &self.options(), || progress.step())?;
         drop(progress);
@@ -187,7 +182,7 @@ impl Arguments {
     }
 
     fn conditions(&self) -> String {
-        format!("presses of {} N, noise of `{}`, one frame{}", self.force, self.twin, self.disconnected())
+        format!("presses of {} N, noise of `{}`, one frame{}", self.force, self.twin.name, self.disconnected())
     }
 }
 

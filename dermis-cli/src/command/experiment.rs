@@ -2,7 +2,8 @@
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
-use crate::range::{count, seed};
+use crate::range::{count, number, seed};
+use crate::twin::TwinArguments;
 use clap::{Args, ValueEnum};
 use dermis::design::SkinDesign;
 use dermis::files::{NewFolder, folder_of};
@@ -10,7 +11,6 @@ use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis_plot::report::Table;
 use dermis_sim::experiment::{ExperimentSummary, PaperExperiment, Sizes};
-use dermis_sim::twin::TwinOptions;
 use std::path::{Path, PathBuf};
 
 /// The arguments of `dermis experiment`.
@@ -18,9 +18,8 @@ use std::path::{Path, PathBuf};
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Digital twin: the path of a file, or a shipped name (ideal, lab, lab-b, lab-c, harsh).
-    #[arg(long, value_name = "TWIN", default_value = "lab")]
-    twin: String,
+    #[command(flatten)]
+    twin: TwinArguments,
     /// Seed of the twin, the presses and the noise.
     #[arg(long, value_name = "S", value_parser = seed)]
     seed: u64,
@@ -30,6 +29,12 @@ pub struct Arguments {
     /// Sets to simulate.
     #[arg(long, value_enum, value_name = "SET,...", value_delimiter = ',', default_value = "grid,random,two,four")]
     sets: Vec<SetName>,
+    /// Touches at once in the set `four`; the set is called `several` where they are not four.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = count(2..=16usize))]
+    touches: usize,
+    /// Least distance of these touches from each other, m.
+    #[arg(long, value_name = "M", default_value_t = 0.06, value_parser = number(1e-3..=1.0))]
+    apart: f64,
     /// Folder to write; it must not exist, or be empty.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -47,7 +52,7 @@ enum SetName {
     Random,
     /// Two touches at once.
     Two,
-    /// Four touches at once.
+    /// Several touches at once.
     Four,
 }
 
@@ -55,7 +60,7 @@ impl Arguments {
     /// Simulates the presses and writes the frames.
     pub fn run(self) -> Outcome {
         let design = SkinDesign::load(&self.design)?;
-        let options = TwinOptions::load(&self.twin)?;
+        let options = self.twin.load()?;
         let folder = new_folder(&self.output)?;
         let mesh = Mesh::generate(&design)?;
         let pixels = PixelSpace::for_design(&design, &mesh)?;
@@ -84,6 +89,8 @@ impl Arguments {
             random: of(SetName::Random, all.random),
             pairs: pairs.checked_div(distances).unwrap_or(0),
             fours: of(SetName::Four, all.fours),
+            touches: self.touches,
+            apart_m: self.apart,
             separations_m: all.separations_m[..distances].to_vec(),
         }
     }

@@ -4,13 +4,13 @@ use crate::console::{Progress, print, print_json};
 use crate::failure::{Outcome, check_folder};
 use crate::method::METHOD_HELP;
 use crate::range::{count, seed};
+use crate::twin::TwinArguments;
 use clap::Args;
 use dermis::frame::write_whole;
 use dermis::method::MethodSet;
 use dermis::skin::Skin;
 use dermis_emulate::campaign::{CampaignOptions, FaultKind, Score, run, scores};
 use dermis_plot::report::Table;
-use dermis_sim::twin::TwinOptions;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -22,9 +22,8 @@ pub struct Arguments {
     design: String,
     #[arg(long, value_name = "NAME|FOLDER", help = METHOD_HELP)]
     method: Option<String>,
-    /// Digital twin: the path of a file, or a shipped name (ideal, lab, lab-b, lab-c, harsh).
-    #[arg(long, value_name = "TWIN", default_value = "lab")]
-    twin: String,
+    #[command(flatten)]
+    twin: TwinArguments,
     /// Number of faults.
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = count(1..=1_000_000u64))]
     faults: u64,
@@ -47,7 +46,7 @@ impl Arguments {
         let skin = Skin::load(&self.design)?;
         let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin, self.method.as_deref())?);
         let options = CampaignOptions {
-            twin: TwinOptions::load(&self.twin)?,
+            twin: self.twin.load()?,
             method: self.method.clone().unwrap_or_default(),
             faults: self.faults as usize,
             seed: self.seed,

@@ -5,11 +5,11 @@ mod result;
 use crate::console::Progress;
 use crate::failure::Outcome;
 use crate::range::{count, number, parsed, seed};
+use crate::twin::TwinArguments;
 use clap::{Args, ValueEnum};
 use dermis::design::SkinDesign;
 use dermis_sim::bound::BoundOptions;
 use dermis_sim::optimise::{Objective, OptimiseOptions, PlaceRules, SearchOptions, Zone, optimise};
-use dermis_sim::twin::TwinOptions;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -47,12 +47,8 @@ pub struct Arguments {
     /// A ball without centres of electrodes: x, y, z and radius, m. May be given more than once.
     #[arg(long, value_name = "X,Y,Z,R", value_parser = parsed::<Ball>, allow_hyphen_values = true)]
     forbid: Vec<Ball>,
-    /// Digital twin whose presses and noise are assumed: the path of a file, or a shipped name.
-    #[arg(long, value_name = "TWIN", default_value = "lab")]
-    twin: String,
-    /// Signal-to-noise ratio of a reading, instead of that of the twin, dB.
-    #[arg(long, value_name = "DB", value_parser = number(-20.0..=200.0))]
-    noise: Option<f64>,
+    #[command(flatten)]
+    twin: TwinArguments,
     /// Force of the presses, N.
     #[arg(long, value_name = "N", default_value_t = 2.0, value_parser = number(1e-3..=1e3))]
     force: f64,
@@ -137,8 +133,7 @@ impl Arguments {
             result::is_picture(path)?;
         }
         let given = SkinDesign::load(&self.design)?;
-        let mut twin = TwinOptions::load(&self.twin)?;
-        twin.electronics.snr_db = self.noise.or(twin.electronics.snr_db);
+        let twin = self.twin.load()?;
         let options = self.options();
         let progress = Progress::new("searching", options.steps(&given));
         let found = optimise(&self.design, &twin, &options, &self.output, || progress.step())?;

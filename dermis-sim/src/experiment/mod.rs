@@ -20,7 +20,7 @@ mod presses;
 
 pub use files::{ExperimentSummary, SetSummary};
 pub use objects::{Family, Objects};
-pub use paper::{FOUR_APART_M, PaperExperiment, Sets, Sizes};
+pub use paper::{PaperExperiment, Sets, Sizes};
 use presses::MAX_DRAWS;
 pub use presses::{PressSet, Presses};
 

@@ -22,19 +22,20 @@ pub struct Sizes {
     pub separations_m: Vec<f64>,
     /// Number of pairs at each distance.
     pub pairs: usize,
-    /// Number of frames of four touches, each at least [`FOUR_APART_M`] from the others.
+    /// Number of frames of several touches.
     pub fours: usize,
+    /// Touches of each of these frames.
+    pub touches: usize,
+    /// Minimum distance of these touches from each other, m.
+    pub apart_m: f64,
 }
-
-/// Minimum distance of four touches from each other, m.
-pub const FOUR_APART_M: f64 = 0.06;
 
 impl Default for Sizes {
     /// The whole grid, as many random presses as the paper's grid has (900), 200 pairs at every 5 mm from 10 to 80 mm,
-    /// and 500 sets of four.
+    /// and 500 sets of four at least 60 mm apart.
     fn default() -> Self {
         let separations_m = (2..=16).map(|step| f64::from(step) * 0.005).collect();
-        Sizes { grid_step: 1, random: 900, separations_m, pairs: 200, fours: 500 }
+        Sizes { grid_step: 1, random: 900, separations_m, pairs: 200, fours: 500, touches: 4, apart_m: 0.06 }
     }
 }
 
@@ -58,7 +59,7 @@ pub struct Sets<T> {
     pub random: T,
     /// For two simultaneous presses.
     pub two: T,
-    /// For four simultaneous presses.
+    /// For several simultaneous presses, four as given.
     pub four: T,
 }
 
@@ -102,7 +103,7 @@ impl PaperExperiment {
             grid: presses.on_grid(sizes.grid_step),
             random: presses.at_random(sizes.random),
             two: presses.in_pairs(&sizes.separations_m, sizes.pairs),
-            four: presses.apart(4, FOUR_APART_M, sizes.fours),
+            four: presses.apart(sizes.touches, sizes.apart_m, sizes.fours),
         };
         let twin = Twin::new(design, options, seed)?;
         let mut shifted = twin.options().clone();

@@ -117,7 +117,8 @@ impl<'a> Presses<'a> {
             let places = self.places_apart(touches, least_m, &mut rng)?;
             Some(places.into_iter().map(|place| self.press(place, &mut rng)).collect())
         };
-        PressSet { name: "four", presses: (0..count as u64).filter_map(frame).collect(), separations_m: vec![] }
+        let name = if touches == 4 { "four" } else { "several" };
+        PressSet { name, presses: (0..count as u64).filter_map(frame).collect(), separations_m: vec![] }
     }
 
     /// Presses at some random positions on the skin, each with every force (N), one after the other.

@@ -110,7 +110,7 @@ fn presses_on_a_membrane_lower_its_conductance() {
     let mut options = TwinOptions::shipped("lab").expect("a shipped twin");
     options.electronics = TwinOptions::shipped("ideal").expect("a shipped twin").electronics;
     (options.drift, options.temperature) = (None, None);
-    let sizes = Sizes { grid_step: 120, random: 4, separations_m: vec![0.02], pairs: 2, fours: 0 };
+    let sizes = Sizes { grid_step: 120, random: 4, separations_m: vec![0.02], pairs: 2, fours: 0, ..Sizes::default() };
     let experiment =
         PaperExperiment::draw(&bench.design, &bench.mesh, &bench.pixels, &options, 3, &sizes).expect("an experiment");
     assert_eq!(experiment.twin.options().name, "lab without patches");

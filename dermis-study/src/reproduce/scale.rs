@@ -88,7 +88,8 @@ impl Scale {
         let whole = Sizes::default();
         match self {
             Scale::Glance => {
-                let sizes = Sizes { grid_step: 37, random: 10, separations_m: vec![0.04, 0.08], pairs: 3, fours: 4 };
+                let sizes =
+                    Sizes { grid_step: 37, random: 10, separations_m: vec![0.04, 0.08], pairs: 3, fours: 4, ..whole };
                 BenchmarkOptions { sizes, untouched: 60, force_step: 450, places: 2, ..BenchmarkOptions::default() }
             }
             Scale::Quick => {

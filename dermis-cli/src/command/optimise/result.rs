@@ -48,7 +48,7 @@ impl Arguments {
     }
 
     fn conditions(&self) -> String {
-        format!("presses of {} N with a tip of {} mm, noise of `{}`", self.force, 1e3 * self.tip_radius, self.twin)
+        format!("presses of {} N with a tip of {} mm, noise of `{}`", self.force, 1e3 * self.tip_radius, self.twin.name)
     }
 
     /// Maps of the bounds of both designs, with the same colours.
