@@ -25,6 +25,8 @@ const STEPS: Steps = Steps {
 };
 /// The logarithm of the range of strengths that a touch may have: from noise to the strongest press.
 const STRENGTHS: f64 = 7.0;
+/// Other values from which the variance of a value is known before a frame, over the number of values.
+const FREEDOM: f64 = 0.2;
 /// Two touches nearer than this may be one, m: two segments of half of it.
 const JOINED_M: f64 = 0.05;
 /// A segment longer than this may be two touches, m.
@@ -97,8 +99,8 @@ pub(super) struct Fit<'a> {
     pub options: &'a RefineOptions,
     /// The whitened values.
     pub values: &'a [f64],
-    /// One over the variance of a value: noise and misfit.
-    pub weight: f64,
+    /// The least variance of a value by the misfit of touches; that of noise is 1.
+    pub misfit: f64,
 }
 
 impl LeastSquares for Fit<'_> {
@@ -208,17 +210,31 @@ impl Fit<'_> {
         2.0 * (volume.ln() + self.options.log_odds) - UNKNOWNS as f64 * TAU.ln()
     }
 
-    /// Twice the negative logarithm of the likelihood of residuals with this sum of squares, up to a constant: where they are
-    /// larger than noise and misfit, their variance is that of this frame.
+    /// Twice the negative logarithm of the likelihood of residuals with this sum of squares, up to a constant: Student's
+    /// distribution, as the variance of noise is known before the frame as if from [`FREEDOM`] times as many other values, and
+    /// the frame tells the rest (Gelman et al., 2013, "Bayesian Data Analysis", section 3.2).
     fn cost_of(&self, square: f64) -> f64 {
-        let (square, count) = (self.weight * square, self.responses.value_count() as f64);
-        if square <= count { square } else { count * (1.0 + (square / count).ln()) }
+        self.freedom() * (square / self.prior_square()).ln_1p()
     }
 
-    /// One over the variance of a value beside these residuals.
+    /// One over the variance of a value beside residuals with this sum of squares, at most that of noise.
+    fn weight_beside(&self, square: f64) -> f64 {
+        (self.freedom() / (self.prior_square() + square)).min(1.0)
+    }
+
+    /// The degrees of freedom of the variance of a value.
+    fn freedom(&self) -> f64 {
+        FREEDOM * self.responses.value_count() as f64 + self.responses.rank() as f64
+    }
+
+    /// The sum of squares that is known before the frame: of the noise of other values, and of the misfit of all of them.
+    fn prior_square(&self) -> f64 {
+        FREEDOM * self.responses.value_count() as f64 + self.freedom() * self.misfit
+    }
+
+    /// One over the variance of a value beside the residuals of a state.
     fn weight_at(&self, state: &State) -> f64 {
-        let square = dot(&state.residuals, &state.residuals);
-        self.weight.min(self.responses.value_count() as f64 / square.max(f64::MIN_POSITIVE))
+        self.weight_beside(state.sum_of_squares())
     }
 
     /// The equations of a step, with the precision of a prior by its scale, dimensions and the square of the unknowns.
@@ -424,7 +440,8 @@ impl Fitted {
         let explained = 1.0 / (variance * UNITS[5] * UNITS[5]) - fit.prior(&self.state.touches[index]);
         let determinant =
             factor(&self.covariance, &own.collect::<Vec<usize>>()).map_or(0.0, |factor| factor.log_determinant());
-        explained + determinant - fit.constant()
+        // Of Student's distribution; a touch that explains little, or less than its prior costs, counts by itself.
+        fit.freedom() * (explained / fit.freedom()).max(-0.5).ln_1p() + determinant - fit.constant()
     }
 
     /// The strength of the round, even touch of usual width at the same place whose change of the frame is nearest to that of a

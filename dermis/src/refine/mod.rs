@@ -10,11 +10,13 @@
 //! with `J` the derivative of the forward model, `rho` the density with integral 1, `u` and `v` the axes of the tangent plane.
 //! The unknowns of all touches minimise
 //!
-//! `|W (y - g)|^2 / (1 + m^2 |W y|^2 / n) + sum of (1 + d) ln(1 + |x|^2 / s^2)`,
+//! `(f + k) ln(1 + |W (y - g)|^2 / (f + (f + k) m^2 |W y|^2 / n)) + sum of (1 + d) ln(1 + |x|^2 / s^2)`,
 //!
-//! with `W' W` the inverse covariance of noise and drift, `m` the part of the change that the model of a touch leaves
-//! unexplained, `n` the number of values, and for the logarithm of the width, the segment and the uneven tensor Student's
-//! distributions of one degree of freedom (`d` dimensions, scale `s`): most touches are round and even, some have any form.
+//! with `W' W` the inverse covariance of noise and drift, `m` the least part of the change that the model of a touch leaves
+//! unexplained, `n` the number of values, `k` that of their combinations that touches change. The first term is Student's
+//! distribution: the variance of noise is known as if from `f = 0.2 n` other values, and the frame tells the rest. Those of the
+//! logarithm of the width, the segment and the uneven tensor have one degree of freedom (`d` dimensions, scale `s`): most touches
+//! are round and even, some have any form.
 //! The number of touches is the most probable one, by Laplace's approximation of the probability of the frame (MacKay, 2003,
 //! "Information Theory, Inference, and Learning Algorithms", chapters 27 and 28).
 //!
@@ -67,7 +69,7 @@ pub struct RefineOptions {
     pub length_m: f64,
     /// Scale of the uneven part of the change of conductance, over the even part.
     pub unevenness: f64,
-    /// Part of a frame's change that a touch of this form does not explain.
+    /// Least part of a frame's change that a touch of this form does not explain.
     pub misfit: f64,
     /// Logarithm of the odds against one more touch.
     pub log_odds: f64,
@@ -87,7 +89,7 @@ impl Default for RefineOptions {
             length_m: 4.5e-3,
             unevenness: 0.05,
             misfit: 0.14,
-            log_odds: 6.0,
+            log_odds: 5.0,
             grain_m: 3e-3,
             coating_drift: 0.01,
             contact_drift: 0.1,
@@ -225,14 +227,14 @@ impl Refiner {
             return;
         }
         let square = crate::linalg::dot(&values, &values);
-        let weight = 1.0 / (1.0 + self.options.misfit.powi(2) * square / count);
-        let fit = Fit { responses: &self.responses, options: &self.options, values: &values, weight };
+        let misfit = self.options.misfit.powi(2) * square / count;
+        let fit = Fit { responses: &self.responses, options: &self.options, values: &values, misfit };
         let start = |(index, contact): (usize, &Contact)| {
             Touch::at(self.responses.space().place(contact.position_m), Some(index))
         };
         let fitted = fit.run(contacts.iter().enumerate().map(start).collect());
         let residuals = fitted.state.sum_of_squares();
-        let is_unexplained = weight * residuals > count && residuals > MAX_LEFT * square;
+        let is_unexplained = residuals > (1.0 + misfit) * count && residuals > MAX_LEFT * square;
         if !contacts.is_empty() && (is_unexplained || fitted.state.touches.is_empty()) {
             return;
         }

@@ -301,6 +301,11 @@ impl Responses {
         self.values.len()
     }
 
+    /// Number of combinations of the values that touches change.
+    pub(super) fn rank(&self) -> usize {
+        self.basis.rows
+    }
+
     /// The response of a touch; its tensor is 1 plus the uneven parts.
     pub(super) fn response(&self, place: &Place, form: &Form, uneven: Point2) -> Response {
         let density = Density::new(form, self.usual_m);
