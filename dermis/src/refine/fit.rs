@@ -25,7 +25,7 @@ const STEPS: Steps = Steps {
 };
 /// The logarithm of the range of strengths that a touch may have: from noise to the strongest press.
 const STRENGTHS: f64 = 7.0;
-/// Other values from which the variance of a value is known before a frame, over the number of values.
+/// Other values from which the variance of the misfit is known before a frame, over the number of values.
 const FREEDOM: f64 = 0.2;
 /// Two touches nearer than this may be one, m: two segments of half of it.
 const JOINED_M: f64 = 0.05;
@@ -211,8 +211,8 @@ impl Fit<'_> {
     }
 
     /// Twice the negative logarithm of the likelihood of residuals with this sum of squares, up to a constant: Student's
-    /// distribution, as the variance of noise is known before the frame as if from [`FREEDOM`] times as many other values, and
-    /// the frame tells the rest (Gelman et al., 2013, "Bayesian Data Analysis", section 3.2).
+    /// distribution. The variance of noise is known; that of the misfit is known before the frame as if from [`FREEDOM`] times
+    /// as many other values, and the frame tells the rest (Gelman et al., 2013, "Bayesian Data Analysis", section 3.2).
     fn cost_of(&self, square: f64) -> f64 {
         self.freedom() * (square / self.prior_square()).ln_1p()
     }
@@ -222,14 +222,19 @@ impl Fit<'_> {
         (self.freedom() / (self.prior_square() + square)).min(1.0)
     }
 
+    /// The number of other values from which the variance of a value is known: more, the smaller the share of the misfit is.
+    fn other_values(&self) -> f64 {
+        FREEDOM * self.responses.value_count() as f64 * (1.0 + 1.0 / self.misfit.max(1e-6))
+    }
+
     /// The degrees of freedom of the variance of a value.
     fn freedom(&self) -> f64 {
-        FREEDOM * self.responses.value_count() as f64 + self.responses.rank() as f64
+        self.other_values() + self.responses.rank() as f64
     }
 
     /// The sum of squares that is known before the frame: of the noise of other values, and of the misfit of all of them.
     fn prior_square(&self) -> f64 {
-        FREEDOM * self.responses.value_count() as f64 + self.freedom() * self.misfit
+        self.other_values() + self.freedom() * self.misfit
     }
 
     /// One over the variance of a value beside the residuals of a state.

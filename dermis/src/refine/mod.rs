@@ -14,9 +14,9 @@
 //!
 //! with `W' W` the inverse covariance of noise and drift, `m` the least part of the change that the model of a touch leaves
 //! unexplained, `n` the number of values, `k` that of their combinations that touches change. The first term is Student's
-//! distribution: the variance of noise is known as if from `f = 0.2 n` other values, and the frame tells the rest. Those of the
-//! logarithm of the width, the segment and the uneven tensor have one degree of freedom (`d` dimensions, scale `s`): most touches
-//! are round and even, some have any form.
+//! distribution: noise is known, the variance of the misfit as if from `0.2 n` other values, and the frame tells the rest, with
+//! `f = 0.2 n (1 + n / (m^2 |W y|^2))`. Those of the logarithm of the width, the segment and the uneven tensor have one degree of
+//! freedom (`d` dimensions, scale `s`): most touches are round and even, some have any form.
 //! The number of touches is the most probable one, by Laplace's approximation of the probability of the frame (MacKay, 2003,
 //! "Information Theory, Inference, and Learning Algorithms", chapters 27 and 28).
 //!
@@ -89,7 +89,7 @@ impl Default for RefineOptions {
             length_m: 4.5e-3,
             unevenness: 0.05,
             misfit: 0.14,
-            log_odds: 5.0,
+            log_odds: 6.0,
             grain_m: 3e-3,
             coating_drift: 0.01,
             contact_drift: 0.1,
