@@ -374,6 +374,9 @@ fn an_experiment_has_the_sets_and_the_presses_that_are_asked_for() {
     assert!((1..=7).contains(&last(frames("two").unwrap())), "{:?}", frames("two"));
     assert!(frames("random").is_none() && frames("four").is_none());
     assert!(at.refused("experiment disk.toml --seed 1 --sets all -o x").contains("random"));
+    at.good("experiment disk.toml --twin ideal --seed 1 --presses 3 --sets four --touches 3 --apart 0.02 -o three");
+    let truth = std::fs::read_to_string(at.path("three/several/truth.csv")).unwrap();
+    assert_eq!(truth.lines().count(), 1 + 3 * 3, "{truth}");
 }
 
 #[test]

@@ -266,3 +266,21 @@ fn two_presses_are_told_from_one_in_nine_of_ten_frames() {
     assert!((0.79..predicted + 0.03).contains(&two), "{two}, {predicted}");
     assert!(one < 0.02, "{one}");
 }
+
+/// Told also from one object of any length, two presses must be farther apart: a row of presses may be a single one.
+#[test]
+fn two_presses_are_farther_apart_where_the_form_is_unknown() {
+    let bench = Bench::new("ideal", 50.0, 0.0);
+    let options = BoundOptions { drift: Some(bench.drift), known_patches: true, ..BoundOptions::default() };
+    let apart_m = [true, false].map(|known_form| {
+        let options = BoundOptions { known_form, ..options };
+        let bounds = Bounds::new(&bench.design, &bench.options, &options).unwrap();
+        let distance_m = bounds.separation_m([0.02, 0.01, 0.0], 0.0).unwrap().unwrap();
+        let pair = [-0.5, 0.5].map(|side| press([0.02 + side * distance_m, 0.01, 0.0], options.force_n));
+        let predicted = bounds.told_apart(&pair).unwrap();
+        assert!((0.9..0.93).contains(&predicted), "{known_form}: {predicted}");
+        distance_m
+    });
+    println!("{apart_m:?}");
+    assert!(apart_m[1] > 1.2 * apart_m[0], "{apart_m:?}");
+}

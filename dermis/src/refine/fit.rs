@@ -27,6 +27,8 @@ const STEPS: Steps = Steps {
 const STRENGTHS: f64 = 7.0;
 /// Other values from which the variance of the misfit is known before a frame, over the number of values.
 const FREEDOM: f64 = 0.2;
+/// Below this variance by misfit, over that of noise, the variance of a value is as good as known.
+const NO_MISFIT: f64 = 1e-6;
 /// Two touches nearer than this may be one, m: two segments of half of it.
 const JOINED_M: f64 = 0.05;
 /// A segment longer than this may be two touches, m.
@@ -217,14 +219,9 @@ impl Fit<'_> {
         self.freedom() * (square / self.prior_square()).ln_1p()
     }
 
-    /// One over the variance of a value beside residuals with this sum of squares, at most that of noise.
-    fn weight_beside(&self, square: f64) -> f64 {
-        (self.freedom() / (self.prior_square() + square)).min(1.0)
-    }
-
     /// The number of other values from which the variance of a value is known: more, the smaller the share of the misfit is.
     fn other_values(&self) -> f64 {
-        FREEDOM * self.responses.value_count() as f64 * (1.0 + 1.0 / self.misfit.max(1e-6))
+        FREEDOM * self.responses.value_count() as f64 * (1.0 + 1.0 / self.misfit.max(NO_MISFIT))
     }
 
     /// The degrees of freedom of the variance of a value.
@@ -237,9 +234,9 @@ impl Fit<'_> {
         self.other_values() + self.freedom() * self.misfit
     }
 
-    /// One over the variance of a value beside the residuals of a state.
+    /// One over the variance of a value beside the residuals of a state: the slope of the cost, at most the weight of noise alone.
     fn weight_at(&self, state: &State) -> f64 {
-        self.weight_beside(state.sum_of_squares())
+        (self.freedom() / (self.prior_square() + state.sum_of_squares())).min(1.0)
     }
 
     /// The equations of a step, with the precision of a prior by its scale, dimensions and the square of the unknowns.
@@ -445,7 +442,7 @@ impl Fitted {
         let explained = 1.0 / (variance * UNITS[5] * UNITS[5]) - fit.prior(&self.state.touches[index]);
         let determinant =
             factor(&self.covariance, &own.collect::<Vec<usize>>()).map_or(0.0, |factor| factor.log_determinant());
-        // Of Student's distribution; a touch that explains little, or less than its prior costs, counts by itself.
+        // What Student's distribution loses without the touch. It may explain less than its prior costs: the logarithm stays finite.
         fit.freedom() * (explained / fit.freedom()).max(-0.5).ln_1p() + determinant - fit.constant()
     }
 
