@@ -43,6 +43,16 @@ impl Whitening {
         }
     }
 
+    /// The product of the transposed transform with some values.
+    ///
+    /// # Panics
+    /// As [`apply`](Self::apply).
+    pub fn apply_transposed(&self, values: &mut [f64]) {
+        for (disturbance, factor) in self.steps.iter().rev() {
+            add(values, disturbance, -factor);
+        }
+    }
+
     /// The values before they were whitened.
     ///
     /// # Panics
@@ -85,6 +95,17 @@ mod tests {
                 assert!((product - f64::from(u8::from(i == j))).abs() < 1e-10, "{i} {j}: {product}");
             }
         }
+    }
+
+    #[test]
+    fn the_transposed_transform_has_the_same_products() {
+        let [a, b] = [3.0, 11.0].map(|factor| (0..6).map(|i| (factor * f64::from(i)).sin()).collect::<Vec<f64>>());
+        let whitening = Whitening::new([a.clone(), b.iter().map(|value| 30.0 * value).collect()]);
+        let [mut there, mut back] = [a.clone(), b.clone()];
+        whitening.apply(&mut there);
+        whitening.apply_transposed(&mut back);
+        assert!((dot(&there, &b) - dot(&a, &back)).abs() < 1e-12);
+        assert!(there.iter().zip(&a).any(|(there, a)| (there - a).abs() > 0.1));
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use crate::estimate::whitening::Whitening;
 use crate::forward::Matrix;
+use crate::linalg::DistinctColumns;
 use crate::skin::Skin;
 use crate::stats::{rms, upper_median};
 use pulp::{Simd, WithSimd};
@@ -30,7 +31,9 @@ const RELEASE: f64 = 0.6;
 /// [`TouchDetector`](super::touch_detector::TouchDetector) needs as much of a number whose deviation is `sqrt(2 n)`.
 #[derive(Debug, Clone)]
 pub(super) struct MatchedFilter {
-    /// Places x channels, zeros behind the last channel: unit deviation of each product.
+    /// Of the changes of the channels by touches.
+    distinct: DistinctColumns,
+    /// Places x distinct channels, zeros behind the last one: unit deviation of each product.
     table: Vec<f32>,
     width: usize,
     whitening: Whitening,
@@ -48,21 +51,21 @@ impl MatchedFilter {
         let sign = skin.design().sheet.touch.sign();
         let is_usable = |sd: &f64| sd.is_finite() && *sd > 0.0;
         let over_noise: Vec<f64> = noise_ohm.iter().map(|sd| if is_usable(sd) { 1.0 / sd } else { 0.0 }).collect();
-        let scaled = |values: &mut dyn Iterator<Item = f64>| -> Vec<f64> {
-            values.zip(&over_noise).map(|(value, over)| value * over).collect()
-        };
-        let whitening = Whitening::new((0..modes.rows).map(|mode| scaled(&mut modes.row(mode).iter().copied())));
-        let width = noise_ohm.len().next_multiple_of(LANES);
+        let whitening = Whitening::new((0..modes.rows).map(|mode| times(modes.row(mode), &over_noise)));
         let places = (0..jacobian.columns).step_by(jacobian.columns.div_ceil(MAX_PLACES));
-        let mut table = Vec::with_capacity(places.len() * width);
-        for place in places {
-            let mut row = scaled(&mut (0..jacobian.rows).map(|channel| sign * jacobian.at(channel, place)));
+        let values = places.clone().flat_map(|place| (0..jacobian.rows).map(move |row| sign * jacobian.at(row, place)));
+        let changes = Matrix { rows: places.len(), columns: jacobian.rows, values: values.collect() };
+        let (distinct, of_distinct) = DistinctColumns::of(&changes);
+        let width = of_distinct.columns.next_multiple_of(LANES);
+        let mut table = Vec::with_capacity(changes.rows * width);
+        for place in 0..changes.rows {
+            let mut row = times(changes.row(place), &over_noise);
             whitening.apply(&mut row);
             let norm = crate::linalg::dot(&row, &row).sqrt().max(f64::MIN_POSITIVE);
-            table.extend(row.iter().map(|value| (value / norm) as f32));
+            table.extend(of_distinct.row(place).iter().map(|value| (value / norm) as f32));
             table.resize(table.len().next_multiple_of(width), 0.0);
         }
-        let mut filter = MatchedFilter { table, width, whitening, over_noise, threshold: f64::INFINITY };
+        let mut filter = MatchedFilter { distinct, table, width, whitening, over_noise, threshold: f64::INFINITY };
         filter.measure(untouched);
         Ok(filter)
     }
@@ -88,8 +91,11 @@ impl MatchedFilter {
 
     /// The product with each place.
     fn products(&self, difference: &[f64]) -> Vec<f32> {
-        let mut values: Vec<f64> = difference.iter().zip(&self.over_noise).map(|(value, over)| value * over).collect();
+        let mut values = times(difference, &self.over_noise);
+        // Both factors of a product are whitened: that of the touches here.
         self.whitening.apply(&mut values);
+        self.whitening.apply_transposed(&mut values);
+        let values = self.distinct.sums(&times(&values, &self.over_noise));
         let mut values: Vec<f32> = values.into_iter().map(|value| value as f32).collect();
         values.resize(self.width, 0.0);
         let mut products = vec![0.0; self.table.len() / self.width];
@@ -108,6 +114,11 @@ impl MatchedFilter {
     pub(super) fn exceeds(&self, output: f64, was_touched: bool) -> bool {
         output > self.threshold * if was_touched { RELEASE } else { 1.0 }
     }
+}
+
+/// Values times factors.
+fn times(values: &[f64], factors: &[f64]) -> Vec<f64> {
+    values.iter().zip(factors).map(|(value, factor)| value * factor).collect()
 }
 
 struct Products<'a> {

@@ -4,6 +4,7 @@ use crate::design::TouchEffect;
 use crate::forward::{ForwardModel, Matrix};
 use crate::frame::Frame;
 use crate::image::PixelSpace;
+use crate::linalg::DistinctColumns;
 use crate::reconstruct::alpha::{self, Alpha, AlphaRule};
 use crate::reconstruct::channels::{Channels, Difference};
 use crate::reconstruct::linearised::Linearised;
@@ -67,6 +68,8 @@ pub struct OneStep {
     pixels: Arc<PixelSpace>,
     prior: Prior,
     matrix: Matrix,
+    /// The same with each distinct column once.
+    distinct: (DistinctColumns, Matrix),
     alpha: f64,
     rule: AlphaRule,
     hyperparameter: f64,
@@ -110,7 +113,15 @@ impl OneStep {
                 format!("the reconstruction matrix is {} at pixel {}", matrix.values[at], at / matrix.columns);
             return Err(ReconstructError::Singular(message));
         }
-        Ok(OneStep { pixels, prior: options.prior, matrix, alpha, rule, hyperparameter: alpha * scale.sqrt() })
+        Ok(OneStep {
+            pixels,
+            prior: options.prior,
+            distinct: DistinctColumns::of(&matrix),
+            matrix,
+            alpha,
+            rule,
+            hyperparameter: alpha * scale.sqrt(),
+        })
     }
 
     /// The alpha in use: as given, or as chosen. Dimensionless, except for [`Alpha::Absolute`].
@@ -140,7 +151,8 @@ impl Reconstruct for OneStep {
 
     fn reconstruct_into(&self, difference: &[f64], values: &mut [f64]) -> Result<(), ReconstructError> {
         check_lengths(difference, self.matrix.columns, values, self.matrix.rows)?;
-        self.matrix.product_into(difference, values);
+        let (columns, matrix) = &self.distinct;
+        matrix.product_into(&columns.sums(difference), values);
         Ok(())
     }
 

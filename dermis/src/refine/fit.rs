@@ -166,12 +166,9 @@ impl Fit<'_> {
 
     /// Usual touches at some places, with the strengths that explain the values best.
     fn start(&self, mut touches: Vec<Touch>) -> Option<State> {
-        let value = |touch: &Touch| {
-            let [value, ..] = self.responses.response(&touch.place, &touch.form, touch.uneven).columns;
-            value
-        };
-        let columns: Vec<Vec<f64>> = touches.iter().map(value).collect();
-        let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+        let response = |touch: &Touch| self.responses.response(&touch.place, &touch.form, touch.uneven);
+        let responses: Vec<Response> = touches.iter().map(response).collect();
+        let columns: Vec<&[f64]> = responses.iter().map(|response| response.columns[0].as_slice()).collect();
         let strengths = Normal::new(&columns, self.values).step(1e-6).ok()?;
         // A touch that explains nothing starts as a weak one.
         let most = strengths.iter().copied().fold(0.0, f64::max);
@@ -181,7 +178,7 @@ impl Fit<'_> {
         for (touch, strength) in touches.iter_mut().zip(strengths) {
             touch.log_strength = strength.max(0.01 * most).ln();
         }
-        Some(self.state(touches))
+        Some(self.with(touches, responses))
     }
 
     /// The scales of the priors of the width, the segment and the uneven tensor in their units, with their dimensions.
@@ -359,7 +356,7 @@ impl Fit<'_> {
             let share = 1.0 / (1.0 + (a.log_strength - b.log_strength).exp());
             let step = space.step(&a.place, &b.place);
             let place = space.walk(&a.place, step.map(|part| share * part));
-            let turn = place.turn_from(&a.place);
+            let turn = space.turn(&a.place, &place);
             let half = step.map(|part| 0.5 * part);
             let form = Form::of_segment(half, self.responses.usual_m()).turned(turn);
             let stronger = if share < 0.5 { a } else { b };
@@ -387,14 +384,12 @@ impl Fit<'_> {
         if from.state.touches.len() >= MAX_TOUCHES {
             return None;
         }
-        let places = self.responses.likeliest(&from.state.residuals, MORE_TRIED);
         // At its most probable place a touch is known to about its width, which leaves the odds of the area.
         let least =
             2.0 * (self.options.log_odds + (self.responses.area_m2() / (TAU * self.responses.usual_m().powi(2))).ln());
-        let weight = self.weight_at(&from.state);
-        let tried: Vec<Vec<Touch>> = (places.into_iter().filter(|(_, explained)| weight * explained > least))
-            .map(|(place, _)| vec![Touch::at(place, None)])
-            .collect();
+        let least = least / self.weight_at(&from.state);
+        let places = self.responses.likeliest(&from.state.residuals, MORE_TRIED, least);
+        let tried: Vec<Vec<Touch>> = places.into_iter().map(|place| vec![Touch::at(place, None)]).collect();
         if tried.is_empty() { None } else { self.changed(from, &[], tried) }
     }
 
@@ -452,7 +447,7 @@ impl Fitted {
         let touch = &self.state.touches[index];
         let mut own = vec![0.0; fit.values.len()];
         restore(&mut own, touch, &self.state.responses[index]);
-        let [usual, ..] = fit.responses.response(&touch.place, &Form::default(), [0.0; 2]).columns;
+        let usual = fit.responses.usual(&touch.place);
         dot(&usual, &own) / dot(&usual, &usual)
     }
 

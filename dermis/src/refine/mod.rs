@@ -39,6 +39,7 @@
 //! # Ok::<(), dermis::Error>(())
 //! ```
 
+mod cubes;
 mod fit;
 mod form;
 mod places;

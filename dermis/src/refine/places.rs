@@ -85,6 +85,16 @@ impl Space {
         }
     }
 
+    /// Cosine and sine of the angle from the axes of a place to those of another one near it, in its plane.
+    pub(super) fn turn(&self, from: &Place, to: &Place) -> Point2 {
+        if matches!(self, Space::Chart(..)) {
+            return [1.0, 0.0];
+        }
+        let parts = [dot(from.axes[0], to.axes[0]), -dot(from.axes[0], to.axes[1])];
+        let length = parts[0].hypot(parts[1]);
+        if length > 0.0 { parts.map(|part| part / length) } else { [1.0, 0.0] }
+    }
+
     /// The distance of two places along the surface; through space without a chart.
     pub(super) fn distance_m(&self, a: &Place, b: &Place) -> f64 {
         match self {
@@ -98,13 +108,6 @@ impl Place {
     /// The vector of a step in the tangent plane.
     pub(super) fn vector(&self, [along, across]: Point2) -> Point3 {
         add(scale(self.axes[0], along), scale(self.axes[1], across))
-    }
-
-    /// Cosine and sine of the angle from the axes of another place to those of this one, in its plane.
-    pub(super) fn turn_from(&self, other: &Place) -> Point2 {
-        let parts = [dot(other.axes[0], self.axes[0]), -dot(other.axes[0], self.axes[1])];
-        let length = parts[0].hypot(parts[1]);
-        if length > 0.0 { parts.map(|part| part / length) } else { [1.0, 0.0] }
     }
 }
 

@@ -1,5 +1,6 @@
 //! The response of a frame to touches of any place and form.
 
+use super::cubes::Cubes;
 use super::form::{Density, Form};
 use super::places::{Place, Space};
 use super::{RefineError, RefineOptions};
@@ -26,7 +27,7 @@ const MIN_PART: f64 = 1e-3;
 const FEW_IN_CUBE: f64 = 0.25;
 /// One of this many cells is used to find them.
 const BASIS_STRIDE: usize = 8;
-/// Values that are summed together, in registers.
+/// Values of a table are as many as a multiple of this.
 const BLOCK: usize = 32;
 /// Distance of the places at which a touch is looked for over the usual width: a fit finds one from there.
 const SEARCH_STEP: f64 = 1.8;
@@ -55,9 +56,9 @@ pub(super) struct Responses {
     space: Space,
     usual_m: f64,
     area_m2: f64,
-    /// Cells of the mesh, or several together; sorted along the axis of the largest extent.
+    /// Cells of the mesh, or several together; by their cubes.
     cells: Vec<Cell>,
-    axis: usize,
+    cubes: Cubes,
     /// By cell, the values of the three tensors.
     table: Vec<f32>,
     count: usize,
@@ -102,7 +103,7 @@ impl Responses {
         }
         let mesh = model.mesh();
         let space = Space::new(body, mesh);
-        let (axis, parts) = parts(mesh, options.width_m);
+        let (cubes, parts) = parts(mesh, options.width_m);
         let cell = |part: &Vec<usize>| {
             let area_m2 = part.iter().map(|&cell| mesh.cell_measure(cell)).sum();
             Cell { place: space.place(centre(mesh, part)), area_m2 }
@@ -115,7 +116,7 @@ impl Responses {
             usual_m: options.width_m.max(MIN_WIDTH * edge_m),
             area_m2,
             cells,
-            axis,
+            cubes,
             table: Vec::new(),
             count: 0,
             basis: Matrix::zeros(0, values.len()),
@@ -209,7 +210,7 @@ impl Responses {
         let is_first = |cell: &&Cell| taken.insert(cell.place.point_m.map(|part| (part / step_m).floor() as i64));
         let places: Vec<Place> = self.cells.iter().filter(is_first).map(|cell| cell.place).collect();
         let responses = places.par_iter().map(|place| {
-            let [value, ..] = self.response(place, &Form::default(), [0.0; 2]).columns;
+            let value = self.usual(place);
             let norm = crate::linalg::dot(&value, &value).sqrt().max(f64::MIN_POSITIVE);
             value.into_iter().map(|value| (value / norm) as f32).collect::<Vec<f32>>()
         });
@@ -223,20 +224,22 @@ impl Responses {
         self.searched = places;
     }
 
-    /// The places, apart from each other, at which a round touch explains values best, among those searched, each with the
-    /// decrease of the sum of squares; the best first.
-    pub(super) fn likeliest(&self, values: &[f64], most: usize) -> Vec<(Place, f64)> {
+    /// The places, apart from each other, at which a round touch explains values best, among those searched: where it decreases the
+    /// sum of squares by more than some amount; the best first.
+    pub(super) fn likeliest(&self, values: &[f64], most: usize, least: f64) -> Vec<Place> {
         let values: Vec<f32> = values.iter().map(|&value| value as f32).collect();
         let mut explained = vec![0.0; self.searched.len().next_multiple_of(PLACES)];
         pulp::Arch::new().dispatch(Search { table: &self.search_table, values: &values, explained: &mut explained });
-        let mut found: Vec<(Place, f64)> = Vec::new();
+        let least = least.sqrt() as f32;
+        let mut possible: Vec<(&Place, f32)> =
+            self.searched.iter().zip(explained).filter(|(_, explained)| *explained > least).collect();
+        possible.sort_by(|a, b| b.1.total_cmp(&a.1));
         let apart_m = APART * self.usual_m;
-        while found.len() < most {
-            let is_apart = |place: &Place| found.iter().all(|(other, _)| self.space.distance_m(place, other) > apart_m);
-            let rest =
-                self.searched.iter().zip(&explained).filter(|(place, explained)| **explained > 0.0 && is_apart(place));
-            let Some((place, best)) = rest.max_by(|a, b| a.1.total_cmp(b.1)) else { break };
-            found.push((*place, f64::from(*best).powi(2)));
+        let mut found: Vec<Place> = Vec::new();
+        for (place, _) in possible {
+            if found.len() < most && found.iter().all(|other| self.space.distance_m(place, other) > apart_m) {
+                found.push(*place);
+            }
         }
         found
     }
@@ -309,37 +312,53 @@ impl Responses {
     /// The response of a touch; its tensor is 1 plus the uneven parts.
     pub(super) fn response(&self, place: &Place, form: &Form, uneven: Point2) -> Response {
         let density = Density::new(form, self.usual_m);
-        let reach_m = density.reach_m();
-        let key = |cell: &Cell| cell.place.point_m[self.axis];
-        let first = self.cells.partition_point(|cell| key(cell) < place.point_m[self.axis] - reach_m);
-        let last = self.cells.partition_point(|cell| key(cell) <= place.point_m[self.axis] + reach_m);
         let (mut parts, mut grain_m2) = (Vec::new(), [0.0; 3]);
-        for (index, cell) in self.cells[first..last].iter().enumerate() {
-            let straight = sub(cell.place.point_m, place.point_m);
-            if dot(straight, straight) > reach_m * reach_m || dot(cell.place.axes[2], place.axes[2]) <= 0.0 {
-                continue;
-            }
-            let offset = self.space.step(place, &cell.place);
-            if !density.reaches(offset) {
-                continue;
-            }
+        self.for_each_part(place, &density, |cell, offset| {
             let weights = density.at(offset);
-            let square = weights[0] * weights[0] * cell.area_m2;
+            let square = weights[0] * weights[0] * self.cells[cell].area_m2;
             grain_m2[0] += square * offset[0] * offset[0];
             grain_m2[1] += square * offset[0] * offset[1];
             grain_m2[2] += square * offset[1] * offset[1];
-            let [c, s] = place.turn_from(&cell.place);
+            let [c, s] = self.space.turn(&self.cells[cell].place, place);
             parts.push(Part {
-                cell: first + index,
+                cell,
                 weights: weights.map(|weight| weight as f32),
                 double: [c * c - s * s, 2.0 * s * c].map(|part| part as f32),
             });
-        }
+        });
         let mut columns = [const { Vec::new() }; COLUMNS];
         columns.iter_mut().for_each(|column| column.resize(self.count, 0.0));
         let uneven = uneven.map(|part| part as f32);
         pulp::Arch::new().dispatch(Sum { responses: self, parts: &parts, uneven, columns: &mut columns });
         Response { columns, grain_m2 }
+    }
+
+    /// The values of a round, even touch of usual width, without their derivatives.
+    pub(super) fn usual(&self, place: &Place) -> Vec<f64> {
+        let density = Density::new(&Form::default(), self.usual_m);
+        let mut sums = vec![0.0f32; self.count];
+        self.for_each_part(place, &density, |cell, offset| {
+            let [weight, ..] = density.at(offset).map(|weight| weight as f32);
+            let even = &self.table[cell * 3 * self.count..][..self.count];
+            sums.iter_mut().zip(even).for_each(|(sum, value)| *sum += weight * value);
+        });
+        sums.into_iter().map(f64::from).collect()
+    }
+
+    /// The cells that a touch reaches, with the offset of each from its centre.
+    fn for_each_part(&self, place: &Place, density: &Density, mut part: impl FnMut(usize, Point2)) {
+        let reach_m = density.reach_m();
+        for cell in self.cubes.near(place.point_m, reach_m).flatten() {
+            let at = &self.cells[cell].place;
+            let straight = sub(at.point_m, place.point_m);
+            if dot(straight, straight) > reach_m * reach_m || dot(at.axes[2], place.axes[2]) <= 0.0 {
+                continue;
+            }
+            let offset = self.space.step(place, at);
+            if density.reaches(offset) {
+                part(cell, offset);
+            }
+        }
     }
 }
 
@@ -361,12 +380,10 @@ fn values(model: &ForwardModel, noise_ohm: &[f64]) -> (Vec<Vec<(usize, f64)>>, V
     all
 }
 
-/// The axis along which a mesh is longest, and its cells in order along it. The cells of a mesh that is far finer than touches
-/// are taken together in cubes of their width, so that a frame costs the same on every mesh.
-fn parts(mesh: &Mesh, width_m: f64) -> (usize, Vec<Vec<usize>>) {
+/// The cells of a mesh by their cubes. Those of a mesh that is far finer than touches are taken together where they are in one
+/// cube of a touch's width, so that a frame costs the same on every mesh.
+fn parts(mesh: &Mesh, width_m: f64) -> (Cubes, Vec<Vec<usize>>) {
     let centres: Vec<Point3> = (0..mesh.cell_count()).map(|cell| mesh.cell_centre(cell)).collect();
-    let [low, high] = crate::geom::vector::bounding_box(centres.iter().copied());
-    let axis = (0..3).max_by(|a, b| (high[*a] - low[*a]).total_cmp(&(high[*b] - low[*b]))).unwrap_or(0);
     let area_m2: f64 = (0..centres.len()).map(|cell| mesh.cell_measure(cell)).sum();
     let is_fine = area_m2 < FEW_IN_CUBE * width_m * width_m * centres.len() as f64;
     let mut parts: BTreeMap<([i64; 3], i64), Vec<usize>> = BTreeMap::new();
@@ -379,8 +396,9 @@ fn parts(mesh: &Mesh, width_m: f64) -> (usize, Vec<Vec<usize>>) {
         parts.entry(key).or_default().push(cell);
     }
     let mut parts: Vec<Vec<usize>> = parts.into_values().collect();
-    parts.sort_by(|a, b| centre(mesh, a)[axis].total_cmp(&centre(mesh, b)[axis]));
-    (axis, parts)
+    let centres: Vec<Point3> = parts.iter().map(|part| centre(mesh, part)).collect();
+    let (cubes, order) = Cubes::new(&centres, width_m);
+    (cubes, order.into_iter().map(|part| std::mem::take(&mut parts[part])).collect())
 }
 
 /// The axis of space that the normal of a cell is nearest to, with its sign: the two sides of a thin body are apart.
@@ -420,7 +438,7 @@ fn basis(changes: &[Vec<f64>]) -> Matrix {
     Matrix { rows: kept.len(), columns: width, values: rows.collect() }
 }
 
-/// The columns of a response, summed over its parts.
+/// The columns of a response, summed over its parts. No operation is fused: every instruction set gives the same bits.
 struct Sum<'a> {
     responses: &'a Responses,
     parts: &'a [Part],
@@ -432,29 +450,30 @@ impl WithSimd for Sum<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let count = self.responses.count;
-        let [a, b] = self.uneven;
-        for from in (0..count).step_by(BLOCK) {
-            let mut sums = [[0.0f32; BLOCK]; COLUMNS];
-            for Part { cell, weights, double: [c, s] } in self.parts {
+        let [a, b] = self.uneven.map(|part| simd.splat_f32s(part));
+        for from in (0..count).step_by(S::F32_LANES) {
+            let mut sums = [simd.splat_f32s(0.0); COLUMNS];
+            for Part { cell, weights, double } in self.parts {
                 let rows = &self.responses.table[cell * 3 * count..][..3 * count];
-                let row =
-                    |k: usize| -> &[f32; BLOCK] { rows[k * count + from..][..BLOCK].try_into().expect("a block") };
+                let row = |k: usize| S::as_simd_f32s(&rows[k * count + from..][..S::F32_LANES]).0[0];
                 let (even, first, second) = (row(0), row(1), row(2));
-                for lane in 0..BLOCK {
-                    let own = [even[lane], c * first[lane] + s * second[lane], c * second[lane] - s * first[lane]];
-                    let all = own[0] + a * own[1] + b * own[2];
-                    sums[0][lane] += weights[0] * own[0];
-                    sums[1][lane] += weights[0] * own[1];
-                    sums[2][lane] += weights[0] * own[2];
-                    for k in 1..6 {
-                        sums[k + 2][lane] += weights[k] * all;
-                    }
+                let [c, s] = double.map(|part| simd.splat_f32s(part));
+                let own = [
+                    even,
+                    simd.add_f32s(simd.mul_f32s(c, first), simd.mul_f32s(s, second)),
+                    simd.sub_f32s(simd.mul_f32s(c, second), simd.mul_f32s(s, first)),
+                ];
+                let all = simd.add_f32s(even, simd.add_f32s(simd.mul_f32s(a, own[1]), simd.mul_f32s(b, own[2])));
+                for (column, sum) in sums.iter_mut().enumerate() {
+                    let (weight, value) = if column < 3 { (weights[0], own[column]) } else { (weights[column - 2], all) };
+                    *sum = simd.add_f32s(*sum, simd.mul_f32s(simd.splat_f32s(weight), value));
                 }
             }
-            for (column, sums) in self.columns.iter_mut().zip(&sums) {
-                column[from..][..BLOCK].iter_mut().zip(sums).for_each(|(out, sum)| *out = f64::from(*sum));
+            for (column, sum) in self.columns.iter_mut().zip(sums) {
+                let lanes: &[f32] = pulp::bytemuck::cast_slice(std::slice::from_ref(&sum));
+                column[from..].iter_mut().zip(lanes).for_each(|(out, lane)| *out = f64::from(*lane));
             }
         }
     }
