@@ -2,7 +2,7 @@
 
 use crate::frame::{Frame, mean, quantities};
 use crate::protocol::Protocol;
-use crate::stats::{rms, upper_median};
+use crate::stats::{rms, sorted, upper_median};
 
 /// A channel is broken if its noise is this many times that of the median channel: for some channels, range switching
 /// of the converter gives four times the noise, a drive without current about a thousand times.
@@ -10,22 +10,38 @@ const TOO_NOISY: f64 = 30.0;
 /// Reciprocal channels contradict each other if they are this many times as far apart as noise and the median pair: errors of
 /// gain reach a few times that of the median.
 const TOO_FAR_APART: f64 = 10.0;
-/// Noise below this part of the values is an error of arithmetic.
+/// Noise below this part of the values, or of the largest noise, is an error of arithmetic.
 const ROUNDING: f64 = 1e-9;
+/// Values that are on the steps of a converter lie at so many levels at most, and between these is nearly all of their range.
+const LEVELS: usize = 4;
+const BETWEEN_LEVELS: f64 = 0.95;
 
 /// The channels with far more noise than others in frames of an untouched skin, or with values that are not finite,
-/// ascending: for example the channels of a drive through a disconnected electrode. Empty for fewer than two frames.
+/// ascending: for example the channels of a drive through a disconnected electrode. Values that change from one step of the
+/// converter to the next, where others stay on theirs, are no noise. Empty for fewer than two frames.
 ///
 /// # Panics
 /// If the frames differ in length.
 pub fn broken_channels(untouched: &[Frame]) -> Vec<usize> {
     let Some(mean) = mean(untouched).filter(|_| untouched.len() > 1) else { return Vec::new() };
     let sd = deviations(untouched, &mean);
-    let finite: Vec<f64> = sd.iter().copied().filter(|sd| sd.is_finite()).collect();
-    let median = upper_median(&finite).unwrap_or(0.0);
+    let largest = sd.iter().copied().filter(|sd| sd.is_finite()).fold(0.0, f64::max);
+    let scattered: Vec<f64> = sd.iter().copied().filter(|sd| sd.is_finite() && *sd > ROUNDING * largest).collect();
     // Without noise no channel can be judged.
-    let is_broken = |sd: f64| !sd.is_finite() || (median > 0.0 && sd > TOO_NOISY * median);
-    (0..sd.len()).filter(|&channel| is_broken(sd[channel])).collect()
+    let median = upper_median(&scattered).unwrap_or(f64::INFINITY);
+    let is_stepped = |channel: usize| is_stepped(untouched.iter().map(|frame| frame[channel]));
+    let is_broken =
+        |channel: usize| !sd[channel].is_finite() || (sd[channel] > TOO_NOISY * median && !is_stepped(channel));
+    (0..sd.len()).filter(|&channel| is_broken(channel)).collect()
+}
+
+/// Whether values are at a few levels.
+fn is_stepped(values: impl Iterator<Item = f64>) -> bool {
+    let values = sorted(values);
+    let [Some(first), Some(last)] = [values.first(), values.last()] else { return false };
+    let least = (1.0 - BETWEEN_LEVELS) * (last - first);
+    let gaps: Vec<f64> = values.windows(2).map(|pair| pair[1] - pair[0]).filter(|gap| *gap > least).collect();
+    gaps.len() < LEVELS && gaps.iter().sum::<f64>() > BETWEEN_LEVELS * (last - first)
 }
 
 /// The channels that differ from their reciprocal ones far more than noise explains and than other pairs do, absolutely and
@@ -103,6 +119,27 @@ mod tests {
         assert_eq!(broken_channels(&frames), vec![0, 18, 19, 38, 39]);
         assert!(broken_channels(&frames[..1]).is_empty() && broken_channels(&[]).is_empty());
         assert!(broken_channels(&vec![Frame(vec![1.0, 2.0]); 5]).is_empty());
+    }
+
+    /// Most values stay on a step, some change by one now and then, and all by the last digit of the current. Of eight frames of
+    /// noise, one channel in a thousand is at a few levels by chance.
+    #[test]
+    fn a_value_between_two_steps_of_the_converter_is_not_broken() {
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let mut frame = |noise: f64| {
+            let current = 1.0 + 1e-5 * f64::from(u8::from(rng.random::<f64>() < 0.3));
+            let mut value = |k: u32| (f64::from(k) * 0.137 / 0.3 + noise * rng.random::<f64>()).round() * 0.3 / current;
+            Frame((0..40).map(&mut value).collect())
+        };
+        for noise in [0.05, 0.2] {
+            let frames: Vec<Frame> = (0..50).map(|_| frame(noise)).collect();
+            let changing =
+                (0..40).filter(|&k| frames.iter().any(|frame| (frame[k] - frames[0][k]).abs() > 0.1)).count();
+            assert!((1..30).contains(&changing), "{changing}");
+            assert!(broken_channels(&frames).is_empty());
+        }
+        let few = (0..1000).filter(|_| is_stepped((0..8).map(|_| rng.random::<f64>()))).count();
+        assert!(few < 10, "{few}");
     }
 
     /// One value of a pair is clipped by 4 %: both are named. Without noise, or where all pairs differ, nothing is.

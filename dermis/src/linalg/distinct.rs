@@ -32,7 +32,8 @@ impl DistinctColumns {
         for index in order {
             let of_last = distinct.last().and_then(|&last| {
                 let least = EQUAL * size(last);
-                let is_near = |sign: f64| column(last).iter().zip(column(index)).all(|(a, b)| (a - sign * b).abs() <= least);
+                let is_near =
+                    |sign: f64| column(last).iter().zip(column(index)).all(|(a, b)| (a - sign * b).abs() <= least);
                 [1.0, -1.0].into_iter().find(|&sign| is_near(sign))
             });
             if of_last.is_none() {

@@ -3,7 +3,7 @@
 use crate::contact::Contact;
 use crate::design::SkinDesign;
 use crate::detect::{DetectOptions, Forces};
-use crate::estimate::noise::ChannelNoise;
+use crate::estimate::noise::{ChannelNoise, NoiseSource};
 use crate::estimate::scale;
 use crate::forward::{ForwardModel, Matrix};
 use crate::frame::{Frame, broken_channels, contradicting_channels, disconnected_electrodes};
@@ -88,11 +88,7 @@ impl Refined {
     }
 
     fn refinement(&self, rest: &Frame, untouched: &[Frame]) -> crate::Result<Refinement> {
-        let of_frame = self.noise_ohm(rest, untouched);
-        let times = |factor: f64| -> Vec<f64> { of_frame.iter().map(|sd| factor * sd).collect() };
-        // A difference has the noise of the baseline, too.
-        let rows = untouched.len() as f64;
-        let (of_mean, sd_ohm) = (times((1.0 / rows).sqrt()), times((1.0 + 1.0 / rows).sqrt()));
+        let [of_mean, sd_ohm] = self.noise_ohm(rest, untouched);
         if !self.is_signed {
             return self.of_amplitudes(rest, &sd_ohm);
         }
@@ -126,16 +122,24 @@ impl Refined {
         Ok(Refinement::Prepared(Arc::new(refiner), factors.into()))
     }
 
-    /// The standard deviation of each channel in untouched frames, ohm; 0 for one that is left out, broken, constant, contradicts
-    /// its reciprocal one, or uses a disconnected electrode, whose voltage does not settle. That of a channel at a driven
-    /// electrode is at least a multiple of the others'.
-    fn noise_ohm(&self, rest: &Frame, untouched: &[Frame]) -> Vec<f64> {
+    /// The standard deviation of each channel in the mean of the untouched frames, and in a difference from it, ohm; 0 for one that
+    /// is left out, broken, constant though its noise should show, contradicts its reciprocal one, or uses a disconnected
+    /// electrode, whose voltage does not settle. That of a channel at a driven electrode is at least a multiple of the others'.
+    fn noise_ohm(&self, rest: &Frame, untouched: &[Frame]) -> [Vec<f64>; 2] {
         let protocol = &self.design.protocol;
         let broken = broken_channels(untouched);
         let varies = |channel: usize| untouched.iter().any(|frame| frame[channel] != 0.0);
-        let is_used = |channel: usize| {
-            varies(channel) && !self.excluded.contains(&channel) && broken.binary_search(&channel).is_err()
+        let may_be_used = |channel: usize| {
+            let is_read = varies(channel) || rest[channel] != 0.0;
+            is_read && !self.excluded.contains(&channel) && broken.binary_search(&channel).is_err()
         };
+        let of = |is_used: &dyn Fn(usize) -> bool| {
+            let noise = ChannelNoise::of_used(untouched, protocol, is_used);
+            noise.filter(|noise| noise.source() == NoiseSource::Scatter)
+        };
+        let none = || vec![0.0; protocol.channel_count()];
+        let Some(noise) = of(&may_be_used) else { return [none(), none()] };
+        let is_used = |channel: usize| may_be_used(channel) && (varies(channel) || noise.is_hidden(channel));
         let disconnected = disconnected_electrodes(protocol, is_used);
         let contradicting = contradicting_channels(rest, untouched, protocol);
         let is_usable = |channel: usize| {
@@ -143,16 +147,16 @@ impl Refined {
                 && contradicting.binary_search(&channel).is_err()
                 && !disconnected.iter().any(|&electrode| protocol.channels()[channel].uses(electrode))
         };
-        let Some(noise) = ChannelNoise::of_used(untouched, protocol, is_usable) else {
-            return vec![0.0; protocol.channel_count()];
-        };
+        let Some(noise) = of(&is_usable) else { return [none(), none()] };
         let least = Some(DRIVEN_NOISE * noise.by_group_ohm()[0]).filter(|least| least.is_finite()).unwrap_or(0.0);
-        let sd = |(channel, &sd): (usize, &f64)| match protocol.channels()[channel].touches_driven() {
-            _ if !sd.is_finite() => 0.0,
-            true => sd.max(least),
-            false => sd,
-        };
-        noise.sd_ohm().iter().enumerate().map(sd).collect()
+        [noise.sd_of_mean_ohm(), noise.sd_of_difference_ohm()].map(|list| {
+            let sd = |(channel, sd): (usize, f64)| match protocol.channels()[channel].touches_driven() {
+                _ if !sd.is_finite() => 0.0,
+                true => sd * (least / noise.sd_ohm()[channel]).max(1.0),
+                false => sd,
+            };
+            list.into_iter().enumerate().map(sd).collect()
+        })
     }
 }
 

@@ -53,9 +53,8 @@ impl Cubes {
     pub(super) fn near(&self, point_m: Point3, reach_m: f64) -> impl Iterator<Item = Range<usize>> + '_ {
         let end = |axis: usize, sign: f64| self.along(axis, point_m[axis] + sign * reach_m);
         let [x, y, z] = [0, 1, 2].map(|axis| end(axis, -1.0)..=end(axis, 1.0));
-        x.flat_map(move |x| y.clone().map(move |y| [x, y])).map(move |[x, y]| {
-            self.first[self.cube([x, y, *z.start()])]..self.first[self.cube([x, y, *z.end()]) + 1]
-        })
+        x.flat_map(move |x| y.clone().map(move |y| [x, y]))
+            .map(move |[x, y]| self.first[self.cube([x, y, *z.start()])]..self.first[self.cube([x, y, *z.end()]) + 1])
     }
 }
 

@@ -467,7 +467,8 @@ impl WithSimd for Sum<'_> {
                 ];
                 let all = simd.add_f32s(even, simd.add_f32s(simd.mul_f32s(a, own[1]), simd.mul_f32s(b, own[2])));
                 for (column, sum) in sums.iter_mut().enumerate() {
-                    let (weight, value) = if column < 3 { (weights[0], own[column]) } else { (weights[column - 2], all) };
+                    let (weight, value) =
+                        if column < 3 { (weights[0], own[column]) } else { (weights[column - 2], all) };
                     *sum = simd.add_f32s(*sum, simd.mul_f32s(simd.splat_f32s(weight), value));
                 }
             }

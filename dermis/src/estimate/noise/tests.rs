@@ -122,3 +122,35 @@ fn the_gamma_functions_have_their_values() {
         assert!((trigamma_inverse(trigamma(x)) / x - 1.0).abs() < 1e-7, "{x}");
     }
 }
+
+/// Values that a converter rounds: what the noise states is the error of the mean and of the difference of a frame with other
+/// values from it, whether the noise is smaller than the step or not.
+#[test]
+fn the_error_of_a_converter_counts_where_noise_is_smaller_than_its_step() {
+    let length = protocol().channel_count();
+    for part in [0.02, 0.1, 0.2, 0.4, 1.0] {
+        let (mut normals, step) = (Normals(17), 0.3);
+        let values: Vec<f64> = (0..length).map(|_| 10.0 + 100.0 * step * normals.uniform()).collect();
+        let change: Vec<f64> = (0..length).map(|_| 20.0 * step * normals.uniform()).collect();
+        let mut frame = |factor: f64| -> Vec<f64> {
+            let read = |(value, change): (&f64, &f64)| value + factor * change + part * step * normals.next();
+            values.iter().zip(&change).map(read).map(|value| (value / step).round() * step).collect()
+        };
+        let untouched: Vec<Vec<f64>> = (0..100).map(|_| frame(0.0)).collect();
+        let noise = ChannelNoise::of(&untouched, &protocol()).unwrap();
+        let mean = mean_of(&untouched.iter().map(Vec::as_slice).collect::<Vec<_>>(), &[1.0; 100]);
+        let touched = frame(1.0);
+        let of_mean = rms(mean.iter().zip(&values).map(|(mean, value)| mean - value));
+        let of_difference = rms((0..length).map(|channel| touched[channel] - mean[channel] - change[channel]));
+        let stated = [noise.sd_of_mean_ohm(), noise.sd_of_difference_ohm()].map(rms);
+        println!(
+            "noise of {part} steps: stated over true {:.2}, {:.2}",
+            stated[0] / of_mean,
+            stated[1] / of_difference
+        );
+        // Below a thirtieth of the noise of a frame the error of the mean changes nothing.
+        assert!((0.8..1.5).contains(&(stated[0] / of_mean)) || stated[0].max(of_mean) < 0.2 * stated[1], "{part}");
+        assert!((0.85..1.15).contains(&(stated[1] / of_difference)), "{part}: {stated:?} {of_difference}");
+        assert!(part == 0.2 || noise.is_hidden(0) == (part < 0.2), "{part}");
+    }
+}
