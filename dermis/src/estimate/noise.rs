@@ -13,7 +13,7 @@ const FLOOR: f64 = 0.5;
 /// same step of the voltage is another one in ohm for each drive. The median in place of it gives 11 false contacts in 900
 /// presses on the twin `harsh` at 80 dB, and this none.
 const MOST_STEPS: f64 = 0.9;
-/// A value may be the same in all frames where more than this part of its variance is hidden by the step: noise of a fifth of it.
+/// A smaller part of the variance that the step hides does not count: that of noise of more than a fifth of the step.
 const HIDDEN: f64 = 0.05;
 /// Standard deviation where nothing tells it, over the root mean square of the values: 60 dB.
 const ASSUMED: f64 = 1e-3;
@@ -195,7 +195,7 @@ impl ChannelNoise {
 
     /// Whether the noise of a channel is smaller than the step of its converter: its value may be the same in all frames.
     pub fn is_hidden(&self, channel: usize) -> bool {
-        self.hidden_ohm[channel].powi(2) > HIDDEN * self.sd_ohm[channel].powi(2)
+        self.hidden_ohm[channel] > 0.0
     }
 
     /// The deviation of the median channel of those that read no voltage at a driven electrode, and of those that do, ohm;
@@ -227,7 +227,7 @@ impl ChannelNoise {
         let shrunk = |variance: f64| weight * usual + (1.0 - weight) * variance;
         let median = shrunk(upper_median(&scattered)?);
         let mean = group.iter().map(|&channel| variance[channel]).sum::<f64>() / group.len() as f64;
-        let hidden = hidden(mean, step_ohm);
+        let hidden = Some(hidden(mean, step_ohm)).filter(|hidden| *hidden > HIDDEN * (mean + hidden)).unwrap_or(0.0);
         // Where in a step a value is tells whether it varies, and not its error.
         let share = if hidden > 0.0 { 12.0 * hidden / (step_ohm * step_ohm) } else { 0.0 };
         for &channel in group {
