@@ -103,6 +103,8 @@ pub(super) struct Fit<'a> {
     pub values: &'a [f64],
     /// The least variance of a value by the misfit of touches; that of noise is 1.
     pub misfit: f64,
+    /// Touches that the values no longer contain.
+    pub others: usize,
 }
 
 impl LeastSquares for Fit<'_> {
@@ -148,9 +150,12 @@ impl LeastSquares for Fit<'_> {
 impl Fit<'_> {
     /// What some touches leave.
     fn state(&self, touches: Vec<Touch>) -> State {
-        let response = |touch: &Touch| self.responses.response(&touch.place, &touch.form, touch.uneven);
-        let responses = touches.iter().map(response).collect();
+        let responses = self.responses_of(&touches);
         self.with(touches, responses)
+    }
+
+    fn responses_of(&self, touches: &[Touch]) -> Vec<Response> {
+        touches.iter().map(|touch| self.responses.response(&touch.place, &touch.form, touch.uneven)).collect()
     }
 
     /// The same with the responses of the touches.
@@ -166,8 +171,7 @@ impl Fit<'_> {
 
     /// Usual touches at some places, with the strengths that explain the values best.
     fn start(&self, mut touches: Vec<Touch>) -> Option<State> {
-        let response = |touch: &Touch| self.responses.response(&touch.place, &touch.form, touch.uneven);
-        let responses: Vec<Response> = touches.iter().map(response).collect();
+        let responses = self.responses_of(&touches);
         let columns: Vec<&[f64]> = responses.iter().map(|response| response.columns[0].as_slice()).collect();
         let strengths = Normal::new(&columns, self.values).step(1e-6).ok()?;
         // A touch that explains nothing starts as a weak one.
@@ -200,13 +204,18 @@ impl Fit<'_> {
         touch.deviations().into_iter().zip(self.scales()).map(of).sum()
     }
 
-    /// Twice the negative logarithm of the prior of a further touch at its mode, less that of the constant of Laplace's
-    /// approximation.
-    fn constant(&self) -> f64 {
+    /// The logarithm of the odds against a touch beside a number of those of this fit.
+    fn log_odds(&self, count: usize) -> f64 {
+        if self.others + count == 0 { self.options.log_odds } else { self.options.log_odds_further }
+    }
+
+    /// Twice the negative logarithm of the prior of a touch beside a number of others at its mode, less that of the constant of
+    /// Laplace's approximation.
+    fn constant(&self, count: usize) -> f64 {
         let [(width, _), (length, _), (uneven, _)] = self.scales();
         let area = self.responses.area_m2() / (UNITS[0] * UNITS[1]);
         let volume = area * (STRENGTHS / UNITS[5]) * (PI * width) * (TAU * length * length) * (TAU * uneven * uneven);
-        2.0 * (volume.ln() + self.options.log_odds) - UNKNOWNS as f64 * TAU.ln()
+        2.0 * (volume.ln() + self.log_odds(count)) - UNKNOWNS as f64 * TAU.ln()
     }
 
     /// Twice the negative logarithm of the likelihood of residuals with this sum of squares, up to a constant: Student's
@@ -275,7 +284,8 @@ impl Fit<'_> {
     /// Twice the negative logarithm of the probability of the values and some touches, from the determinant of the information
     /// about their unknowns.
     fn evidence(&self, state: &State, log_determinant: f64) -> f64 {
-        state.cost + log_determinant + state.touches.len() as f64 * self.constant()
+        let constants: f64 = (0..state.touches.len()).map(|count| self.constant(count)).sum();
+        state.cost + log_determinant + constants
     }
 
     /// No touch at all.
@@ -309,7 +319,8 @@ impl Fit<'_> {
         for &index in removed {
             restore(&mut own, &state.touches[index], &state.responses[index]);
         }
-        let local = Fit { values: &own, ..*self };
+        let others = self.others + state.touches.len() - removed.len();
+        let local = Fit { values: &own, others, ..*self };
         let fits = choices.into_iter().filter_map(|touches| local.fitted(local.start(touches)?));
         let new = fits.min_by(|a, b| a.evidence.total_cmp(&b.evidence));
         if let Some(new) = &new {
@@ -385,8 +396,8 @@ impl Fit<'_> {
             return None;
         }
         // At its most probable place a touch is known to about its width, which leaves the odds of the area.
-        let least =
-            2.0 * (self.options.log_odds + (self.responses.area_m2() / (TAU * self.responses.usual_m().powi(2))).ln());
+        let odds = self.log_odds(from.state.touches.len());
+        let least = 2.0 * (odds + (self.responses.area_m2() / (TAU * self.responses.usual_m().powi(2))).ln());
         let least = least / self.weight_at(&from.state);
         let places = self.responses.likeliest(&from.state.residuals, MORE_TRIED, least);
         let tried: Vec<Vec<Touch>> = places.into_iter().map(|place| vec![Touch::at(place, None)]).collect();
@@ -398,7 +409,7 @@ impl Fit<'_> {
         let count = from.state.touches.len();
         let gains: Vec<f64> = (0..count).map(|index| from.odds(index, self)).collect();
         let weakest = (0..count).min_by(|a, b| gains[*a].total_cmp(&gains[*b]))?;
-        if gains[weakest] > self.constant() {
+        if gains[weakest] > self.constant(count - 1) {
             return None;
         }
         if count == 1 {
@@ -438,7 +449,8 @@ impl Fitted {
         let determinant =
             factor(&self.covariance, &own.collect::<Vec<usize>>()).map_or(0.0, |factor| factor.log_determinant());
         // What Student's distribution loses without the touch. It may explain less than its prior costs: the logarithm stays finite.
-        fit.freedom() * (explained / fit.freedom()).max(-0.5).ln_1p() + determinant - fit.constant()
+        fit.freedom() * (explained / fit.freedom()).max(-0.5).ln_1p() + determinant
+            - fit.constant(self.state.touches.len() - 1)
     }
 
     /// The strength of the round, even touch of usual width at the same place whose change of the frame is nearest to that of a

@@ -72,8 +72,10 @@ pub struct RefineOptions {
     pub unevenness: f64,
     /// Least part of a frame's change that a touch of this form does not explain.
     pub misfit: f64,
-    /// Logarithm of the odds against one more touch.
+    /// Logarithm of the odds against a touch on an untouched skin.
     pub log_odds: f64,
+    /// Logarithm of the odds against one more touch where there is one.
+    pub log_odds_further: f64,
     /// Edge of the squares whose conductance changes independently under a touch, m: of the contact itself, not of the model.
     pub grain_m: f64,
     /// Standard deviation of the relative change of the whole coating's conductance since the untouched frames.
@@ -91,6 +93,7 @@ impl Default for RefineOptions {
             unevenness: 0.05,
             misfit: 0.14,
             log_odds: 6.0,
+            log_odds_further: 4.0,
             grain_m: 3e-3,
             coating_drift: 0.01,
             contact_drift: 0.1,
@@ -229,7 +232,7 @@ impl Refiner {
         }
         let square = crate::linalg::dot(&values, &values);
         let misfit = self.options.misfit.powi(2) * square / count;
-        let fit = Fit { responses: &self.responses, options: &self.options, values: &values, misfit };
+        let fit = Fit { responses: &self.responses, options: &self.options, values: &values, misfit, others: 0 };
         let start = |(index, contact): (usize, &Contact)| {
             Touch::at(self.responses.space().place(contact.position_m), Some(index))
         };
