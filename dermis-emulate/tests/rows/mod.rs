@@ -13,7 +13,7 @@ mod tares;
 mod zones;
 
 use bench::{Bench, along, lab, place, stroke, surface_distance};
-use dermis::pipeline::Settings;
+use dermis::pipeline::{Settings, Validity};
 use dermis_emulate::emulator::{Place, Stroke};
 use dermis_sim::random::sample_rng;
 use dermis_sim::twin::DriftOptions;
@@ -70,6 +70,29 @@ fn alarms_of_a_thousand_presses_and_of_an_hour_untouched() {
     }
     println!("{false_alarms} false alarms in an hour at 120 frames a second");
     assert!(false_alarms <= 1);
+}
+
+/// Frames of 90 dB from a converter of 12 bits: most values stay on their step, whole frames are equal by chance, and a step of
+/// the current or of a voltage changes one of two reciprocal channels.
+#[test]
+fn noise_below_a_step_of_the_converter_is_no_fault() {
+    let mut twin = lab();
+    twin.electronics.snr_db = Some(90.0);
+    for seed in 1..=3 {
+        let touches: Vec<Stroke> = (0..4)
+            .map(|index| {
+                let from = place(0.05 + 0.06 * f64::from(index), 97.0 * f64::from(index));
+                stroke(2.0 + 2.0 * f64::from(index), 1.0, from, None, 3.0)
+            })
+            .collect();
+        let mut bench = Bench::new(twin.clone(), seed, touches.clone(), Settings::default());
+        while bench.time_s() < 10.0 {
+            let (time_s, frame) = (bench.time_s(), bench.frame());
+            assert_eq!(frame.validity, Validity::Ok, "seed {seed}, {time_s:.2} s");
+            let pressed = touches.iter().any(|touch| (touch.at_s + 0.2..touch.at_s + 0.8).contains(&time_s));
+            assert!(!pressed || frame.contacts.len() == 1, "seed {seed}, {time_s:.2} s: {:?}", frame.contacts);
+        }
+    }
 }
 
 #[test]

@@ -4,11 +4,11 @@ use crate::estimate::spikes::{MAX_UNLIKE, UNLIKE_NOISES, contradict};
 use crate::pipeline::condition::PartMonitor;
 use crate::pipeline::electrodes::{ElectrodeMonitor, ElectrodeTopology, OPEN};
 use crate::pipeline::frame::Measurement;
+use crate::pipeline::repeats::RepeatMonitor;
 use crate::pipeline::statistics::{Statistics, difference};
 use crate::pipeline::validity::InvalidReason;
 use crate::stats::{rms, upper_median};
 use serde::{Deserialize, Serialize};
-use std::collections::VecDeque;
 
 /// A loop below this part of its reference: the current is measured wrongly.
 const SHORT: f64 = 0.2;
@@ -22,8 +22,6 @@ const SCALE: [f64; 2] = [0.6, 1.5];
 /// Values of this many times their noise are compared with the baseline, if there are so many.
 const SCALED_NOISES: f64 = 10.0;
 const MIN_SCALED: usize = 8;
-/// A frame that repeats one of so many before it is no new measurement.
-const REMEMBERED: usize = 16;
 /// Frames whose values jump by this many times the noise, at the median channel, are noisy: a touch changes the values of
 /// most channels in one or two frames at most.
 const JUMPS: f64 = 4.0;
@@ -34,8 +32,9 @@ const NOISY_FRAMES: u32 = 3;
 const MIN_PAIRS: usize = 8;
 const UNLIKE_JUMPS: f64 = 0.5;
 /// Reciprocal channels that [contradict] each other are a fault of one of them, if their difference also exceeds this part of
-/// their values.
-const UNLIKE_VALUE: f64 = 1e-3;
+/// their values: two steps of a converter of 12 bits, one of them the sign, whose range is four times a value. Of values that
+/// stay on their step at the tare neither the step nor the noise is known.
+const UNLIKE_VALUE: f64 = 4e-3;
 /// It has to last for so many frames: a touch can begin between the two measurements.
 const UNLIKE_FRAMES: u32 = 6;
 /// Median of the absolute value of a standard normal deviate.
@@ -59,8 +58,8 @@ pub(super) struct InstrumentMonitor {
     unlike_ohm: Vec<f64>,
     #[serde(default)]
     unlike_frames: Vec<u32>,
-    /// Checksums of the last frames; `None` if frames repeat at the tare, as those of a simulation without noise.
-    last_frames: Option<VecDeque<u64>>,
+    #[serde(default)]
+    repeats: RepeatMonitor,
     same_time_frames: u32,
     /// The values of the last two frames, ohm, the newest first.
     before_ohm: [Vec<f64>; 2],
@@ -114,8 +113,7 @@ impl InstrumentMonitor {
                     drive_ohm.is_some_and(|drive_ohm| frame.values_ohm[channel].abs() <= *drive_ohm)
                 })
         };
-        let mut last_frames = VecDeque::new();
-        let repeats = untouched.iter().any(|frame| remembers(&mut last_frames, checksum(frame)));
+        let drive_of: Vec<usize> = (0..topology.channel_count()).map(|channel| topology.drive_of(channel)).collect();
         InstrumentMonitor {
             whole: PartMonitor::default(),
             drives: vec![PartMonitor::default(); topology.drive_count()],
@@ -124,7 +122,7 @@ impl InstrumentMonitor {
             scaled: (statistics.mean.iter().zip(noise_ohm)).map(|(mean, sd)| mean.abs() > SCALED_NOISES * sd).collect(),
             unlike_ohm: unlike_limits_ohm(topology, statistics, noise_ohm),
             unlike_frames: vec![0; topology.reciprocal_pairs().len()],
-            last_frames: Some(last_frames).filter(|_| !repeats),
+            repeats: RepeatMonitor::new(&drive_of, untouched),
             same_time_frames: 0,
             before_ohm: Default::default(),
             noisy_frames: 0,
@@ -163,11 +161,11 @@ impl InstrumentMonitor {
         let (drives, is_off) = self.check_drives(topology, electrodes, frame);
         let mut channels = self.check_channels(topology, frame, &drives);
         let change_ohm = difference(&frame.values_ohm, baseline_ohm);
-        self.check_pairs(topology, electrodes, &change_ohm, &drives, &mut channels);
+        self.check_pairs(topology, electrodes, frame, &change_ohm, &drives, &mut channels);
         let jumps = self.jumps(topology, electrodes.noise_ohm(), frame);
         let reason = match () {
             () if self.clock_stands(step_s) => Some(InvalidReason::Clock),
-            () if self.is_repeated(frame) => Some(InvalidReason::Frozen),
+            () if self.repeats.check(frame) => Some(InvalidReason::Frozen),
             () if is_most(&is_off) => Some(InvalidReason::NoCurrent),
             () if is_most(&channels) => Some(InvalidReason::OutOfRange),
             () if self.is_scaled(baseline_ohm, frame, &channels) => Some(InvalidReason::Scale),
@@ -224,6 +222,7 @@ impl InstrumentMonitor {
         &mut self,
         topology: &ElectrodeTopology,
         electrodes: &ElectrodeMonitor,
+        frame: &Measurement,
         change_ohm: &[f64],
         sick_drives: &[bool],
         bad: &mut [bool],
@@ -239,10 +238,18 @@ impl InstrumentMonitor {
         }
         let judged = change_ohm.iter().zip(&unjudged).filter(|(_, unjudged)| !**unjudged);
         let usual_ohm = rms(judged.map(|(change, _)| *change));
+        // The values of a drive and the resistance of its loop are voltages over one current: an error of the current, as a step of
+        // its converter, changes them by the same part, and those of the reciprocal drive by none.
+        let loop_ohm = |drive: usize| Some((frame.loops_ohm.get(drive)?, electrodes.loops_ohm().get(drive)?));
+        let by_current_ohm = |channel: usize| {
+            let part = loop_ohm(topology.drive_of(channel)).map_or(0.0, |(now, then)| (now / then - 1.0).abs());
+            part * frame.values_ohm[channel].abs()
+        };
         let is_unlike = |(&[a, b], limit_ohm): (&[usize; 2], &f64)| {
             let is_judged = [a, b].iter().all(|&channel| !unjudged[channel])
                 && self.channels[a].is_masked() == self.channels[b].is_masked();
-            is_judged && contradict([change_ohm[a], change_ohm[b]], *limit_ohm, usual_ohm)
+            let limit_ohm = limit_ohm + by_current_ohm(a) + by_current_ohm(b);
+            is_judged && contradict([change_ohm[a], change_ohm[b]], limit_ohm, usual_ohm)
         };
         let pairs = topology.reciprocal_pairs();
         let unlike: Vec<bool> = pairs.iter().zip(&self.unlike_ohm).map(is_unlike).collect();
@@ -265,11 +272,6 @@ impl InstrumentMonitor {
             .map(|channel| frame.values_ohm[channel] / baseline_ohm[channel])
             .collect();
         ratios.len() >= MIN_SCALED && upper_median(&ratios).is_some_and(|ratio| !(SCALE[0]..=SCALE[1]).contains(&ratio))
-    }
-
-    /// Whether a frame repeats one of the last ones.
-    fn is_repeated(&mut self, frame: &Measurement) -> bool {
-        self.last_frames.as_mut().is_some_and(|last| remembers(last, checksum(frame)))
     }
 
     /// How the values have jumped. The jump is the second difference of three frames, which is small for steady changes.
@@ -363,20 +365,4 @@ fn median_size(jumps: impl Iterator<Item = f64>) -> f64 {
 /// Whether it is far above noise.
 fn exceeds_noise(median: f64) -> bool {
     median > JUMPS * NORMAL_MEDIAN * 6f64.sqrt()
-}
-
-/// Whether a checksum is among the last ones; keeps it.
-fn remembers(last: &mut VecDeque<u64>, checksum: u64) -> bool {
-    let known = last.contains(&checksum);
-    last.push_back(checksum);
-    if last.len() > REMEMBERED {
-        last.pop_front();
-    }
-    known
-}
-
-/// The FNV-1a hash of the values (Fowler, Noll and Vo; RFC 9923), word by word.
-fn checksum(frame: &Measurement) -> u64 {
-    let words = frame.values_ohm.iter().chain(&frame.loops_ohm).map(|value| value.to_bits());
-    words.fold(0xcbf2_9ce4_8422_2325, |hash, word| (hash ^ word).wrapping_mul(0x0100_0000_01b3))
 }

@@ -60,6 +60,7 @@ mod novelty;
 mod process;
 mod read;
 mod rebuild;
+mod repeats;
 mod reports;
 mod settings;
 mod state;
