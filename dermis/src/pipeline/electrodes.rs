@@ -102,6 +102,11 @@ impl ElectrodeTopology {
         self.drive_of[channel]
     }
 
+    /// The drives of all channels.
+    pub(super) fn drives_of_channels(&self) -> &[usize] {
+        &self.drive_of
+    }
+
     /// Whether an electrode is never used.
     pub(super) fn leaves_out(&self, electrode: usize) -> bool {
         self.left_out[electrode]

@@ -113,7 +113,6 @@ impl InstrumentMonitor {
                     drive_ohm.is_some_and(|drive_ohm| frame.values_ohm[channel].abs() <= *drive_ohm)
                 })
         };
-        let drive_of: Vec<usize> = (0..topology.channel_count()).map(|channel| topology.drive_of(channel)).collect();
         InstrumentMonitor {
             whole: PartMonitor::default(),
             drives: vec![PartMonitor::default(); topology.drive_count()],
@@ -122,7 +121,7 @@ impl InstrumentMonitor {
             scaled: (statistics.mean.iter().zip(noise_ohm)).map(|(mean, sd)| mean.abs() > SCALED_NOISES * sd).collect(),
             unlike_ohm: unlike_limits_ohm(topology, statistics, noise_ohm),
             unlike_frames: vec![0; topology.reciprocal_pairs().len()],
-            repeats: RepeatMonitor::new(&drive_of, untouched),
+            repeats: RepeatMonitor::new(topology.drives_of_channels(), untouched),
             same_time_frames: 0,
             before_ohm: Default::default(),
             noisy_frames: 0,
@@ -158,10 +157,11 @@ impl InstrumentMonitor {
         frame: &Measurement,
         step_s: f64,
     ) -> Findings {
-        let (drives, is_off) = self.check_drives(topology, electrodes, frame);
+        let loops = loop_ratios(electrodes, frame);
+        let (drives, is_off) = self.check_drives(topology, electrodes, frame, &loops);
         let mut channels = self.check_channels(topology, frame, &drives);
         let change_ohm = difference(&frame.values_ohm, baseline_ohm);
-        self.check_pairs(topology, electrodes, frame, &change_ohm, &drives, &mut channels);
+        self.check_pairs(topology, electrodes, [&loops, &frame.values_ohm, &change_ohm], &drives, &mut channels);
         let jumps = self.jumps(topology, electrodes.noise_ohm(), frame);
         let reason = match () {
             () if self.clock_stands(step_s) => Some(InvalidReason::Clock),
@@ -181,12 +181,12 @@ impl InstrumentMonitor {
         topology: &ElectrodeTopology,
         electrodes: &ElectrodeMonitor,
         frame: &Measurement,
+        ratio: &[f64],
     ) -> (Vec<bool>, Vec<bool>) {
         let reference = electrodes.loops_ohm();
-        if reference.is_empty() || frame.loops_ohm.len() != reference.len() {
+        if ratio.is_empty() {
             return (vec![false; topology.drive_count()], vec![false; topology.drive_count()]);
         }
-        let ratio: Vec<f64> = frame.loops_ohm.iter().zip(reference).map(|(now, then)| now / then).collect();
         let rise_ohm = |drive: usize| frame.loops_ohm[drive] - reference[drive];
         // The rise that all drives of an electrode share is that of its contact.
         let of_electrode = |&electrode: &usize, drive: usize| {
@@ -222,8 +222,7 @@ impl InstrumentMonitor {
         &mut self,
         topology: &ElectrodeTopology,
         electrodes: &ElectrodeMonitor,
-        frame: &Measurement,
-        change_ohm: &[f64],
+        [ratios, values_ohm, change_ohm]: [&[f64]; 3],
         sick_drives: &[bool],
         bad: &mut [bool],
     ) {
@@ -240,10 +239,9 @@ impl InstrumentMonitor {
         let usual_ohm = rms(judged.map(|(change, _)| *change));
         // The values of a drive and the resistance of its loop are voltages over one current: an error of the current, as a step of
         // its converter, changes them by the same part, and those of the reciprocal drive by none.
-        let loop_ohm = |drive: usize| Some((frame.loops_ohm.get(drive)?, electrodes.loops_ohm().get(drive)?));
         let by_current_ohm = |channel: usize| {
-            let part = loop_ohm(topology.drive_of(channel)).map_or(0.0, |(now, then)| (now / then - 1.0).abs());
-            part * frame.values_ohm[channel].abs()
+            let ratio = ratios.get(topology.drive_of(channel)).unwrap_or(&1.0);
+            ((ratio - 1.0) * values_ohm[channel]).abs()
         };
         let is_unlike = |(&[a, b], limit_ohm): (&[usize; 2], &f64)| {
             let is_judged = [a, b].iter().all(|&channel| !unjudged[channel])
@@ -350,6 +348,12 @@ fn unlike_limits_ohm(topology: &ElectrodeTopology, statistics: &Statistics, nois
         (UNLIKE_NOISES * noise(a).hypot(noise(b))).max(UNLIKE_VALUE * value_ohm)
     };
     topology.reciprocal_pairs().iter().map(limit).collect()
+}
+
+/// The resistance of each drive's loop over its reference; empty where it is not measured.
+fn loop_ratios(electrodes: &ElectrodeMonitor, frame: &Measurement) -> Vec<f64> {
+    let (now, then) = (&frame.loops_ohm, electrodes.loops_ohm());
+    if now.len() == then.len() { now.iter().zip(then).map(|(now, then)| now / then).collect() } else { Vec::new() }
 }
 
 /// Whether most are marked.
