@@ -206,8 +206,8 @@ impl From<dermis_study::Error> for Failure {
     fn from(error: dermis_study::Error) -> Self {
         use dermis_study::Error;
         match error {
-            Error::Dermis(error) => error.into(),
-            Error::Sim(error) => error.into(),
+            Error::Dermis(error) => (*error).into(),
+            Error::Sim(error) => (*error).into(),
             Error::Learn(error) => (*error).into(),
             Error::Plot(_) | Error::Internal(_) => Failure::Ours(error.to_string()),
             error => {

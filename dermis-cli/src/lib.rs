@@ -31,12 +31,10 @@ mod source;
 mod twin;
 mod used;
 
-pub use command::train::losses;
 pub use described::{DescribedArgument, DescribedCommand};
 pub use failure::CommandError;
 
 use clap::{CommandFactory, FromArgMatches, Parser};
-use dermis_learn::TrainingRunOptions;
 use std::ffi::OsString;
 
 /// Electrical resistance tomography (ERT) skins for robots: design, simulation, reconstruction, live contacts.
@@ -124,16 +122,10 @@ pub fn try_run(arguments: impl IntoIterator<Item = OsString>) -> Result<(), Comm
     }
 }
 
-/// The training that arguments of `dermis train` describe, without `dermis` and `train`, for programs that compute the steps
-/// themselves.
-///
-/// # Errors
-/// Wrong arguments.
-pub fn training_options(arguments: impl IntoIterator<Item = OsString>) -> Result<TrainingRunOptions, CommandError> {
-    let line = ["dermis", "train"].into_iter().map(OsString::from).chain(arguments);
-    let parsed = parsed(line).map_err(|error| CommandError::of_arguments(&error))?;
-    let command::Command::Train(arguments) = parsed.command else { unreachable!("the line begins with `train`") };
-    arguments.options().map_err(CommandError::of_failure)
+/// Runs a study: shows its progress, prints its result or its error as a command does, and returns the exit code.
+pub fn run_study(study: impl FnOnce(&dyn dermis_study::Progress) -> dermis_study::Result<String>) -> u8 {
+    let text = study(&console::StudyProgress).map_err(failure::Failure::from);
+    text.and_then(|text| console::print(&text)).map_or_else(failure::Failure::report, |()| 0)
 }
 
 /// Runs the command. A panic is a bug: an internal error, in whichever thread it was.

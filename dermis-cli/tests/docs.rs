@@ -95,7 +95,7 @@ fn check_cargo(words: &[&str], tests: &BTreeSet<String>) -> Result<(), String> {
     while let Some(&word) = words.next() {
         let mut value = || words.next().copied().unwrap_or_default();
         match word {
-            "-p" => package = value().replace("dermis-bench", "bench"),
+            "-p" => package = value().replace("dermis-bench", "bench").replace("paper-study", "studies/paper"),
             "--features" | "--test-threads" => drop(value()),
             "--test" => {
                 let entry = format!("[[test]]\nname = \"{}\"\n", value());

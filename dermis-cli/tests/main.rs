@@ -17,7 +17,6 @@ mod optimise;
 mod pages;
 mod plot_and_demo;
 mod readme;
-mod reproduce;
 mod robot;
 mod shell;
 mod simulate;

@@ -126,7 +126,7 @@ impl Default for TrainOptions {
 
 impl TrainOptions {
     /// Whether all epochs are finished, or the test loss has stopped decreasing.
-    pub fn is_done(&self, epochs: &[Epoch]) -> bool {
+    pub(crate) fn is_done(&self, epochs: &[Epoch]) -> bool {
         let least = |epochs: &[Epoch]| epochs.iter().map(|epoch| epoch.test_loss).fold(f64::INFINITY, f64::min);
         let before = epochs.len().saturating_sub(self.patience);
         let stands = before > 0 && least(&epochs[before..]) > (1.0 - self.least_gain) * least(&epochs[..before]);
@@ -135,12 +135,12 @@ impl TrainOptions {
     }
 
     /// Steps per epoch, for a number of training samples.
-    pub fn steps_per_epoch(&self, samples: usize) -> usize {
+    pub(crate) fn steps_per_epoch(&self, samples: usize) -> usize {
         (self.epoch_samples.unwrap_or(usize::MAX).min(samples) / self.batch).max(1)
     }
 
     /// The learning rate of a step, numbered from 1.
-    pub fn rate_at(&self, step: u64, steps_per_epoch: usize) -> f32 {
+    pub(crate) fn rate_at(&self, step: u64, steps_per_epoch: usize) -> f32 {
         match self.schedule {
             Schedule::Constant => self.rate,
             Schedule::Cosine => {

@@ -22,7 +22,6 @@ mod samples;
 mod simulation;
 mod skin;
 mod solution;
-mod training;
 mod twin;
 mod worker;
 
@@ -57,8 +56,6 @@ mod _dermis {
     use super::skin::Skin;
     #[pymodule_export]
     use super::solution::Solution;
-    #[pymodule_export]
-    use super::training::Training;
     #[pymodule_export]
     use super::twin::Twin;
 

@@ -17,7 +17,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
 /// A method with its name in tables and pictures.
-pub(crate) struct Named {
+pub struct Named {
     /// Its identifier, also used in file names: "noser".
     pub key: String,
     /// Its name in tables and pictures: "linear, NOSER".
@@ -32,14 +32,14 @@ pub(crate) struct Named {
 
 /// The linear methods of the paper, by their names in the registry and in tables: NOSER, and the Laplace prior, which
 /// is a spatial high-pass filter.
-pub(crate) const LINEAR: [(&str, &str); 2] = [("noser", "linear, NOSER"), ("laplace", "linear, Laplace")];
+pub const LINEAR: [(&str, &str); 2] = [("noser", "linear, NOSER"), ("laplace", "linear, Laplace")];
 
 impl Named {
     /// A linear method by its index in [`LINEAR`].
     ///
     /// # Errors
     /// A skin whose forward problem cannot be solved.
-    pub(crate) fn linear(which: usize, skin: &Skin, alpha: Alpha) -> Result<Self> {
+    pub fn linear(which: usize, skin: &Skin, alpha: Alpha) -> Result<Self> {
         let (key, name) = LINEAR[which];
         let method = Methods::linear().method(skin, key, &MethodOptions { alpha, ..MethodOptions::default() })?;
         let identity = format!("alpha {:?}", method.alpha());
@@ -47,7 +47,7 @@ impl Named {
     }
 
     /// A trained network.
-    pub(crate) fn network(model: Model) -> Self {
+    pub fn network(model: Model) -> Self {
         let card = model.card().clone();
         let name = match card.name.as_str() {
             "paper" => "paper's network".to_string(),
@@ -66,7 +66,7 @@ impl Named {
     }
 
     /// Its name with its alpha.
-    pub(crate) fn how(&self) -> String {
+    pub fn how(&self) -> String {
         self.method.alpha().map_or_else(|| self.name.clone(), |alpha| format!("{}, alpha {alpha:.3}", self.name))
     }
 }
@@ -75,7 +75,7 @@ impl Named {
 ///
 /// # Errors
 /// A skin whose forward problem cannot be solved; a shipped file that is damaged.
-pub(crate) fn for_the_demo(skin: &Skin) -> Result<Vec<Named>> {
+pub fn for_the_demo(skin: &Skin) -> Result<Vec<Named>> {
     let methods = dermis_learn::methods();
     let key = methods.default_name(skin)?;
     let method = methods.method(skin, &key, &MethodOptions::default())?;
@@ -88,12 +88,12 @@ pub(crate) fn for_the_demo(skin: &Skin) -> Result<Vec<Named>> {
 ///
 /// # Errors
 /// A shipped file that is damaged.
-pub(crate) fn shipped_networks(skin: &Skin) -> Result<Vec<Named>> {
+pub fn shipped_networks(skin: &Skin) -> Result<Vec<Named>> {
     Ok(Model::shipped(skin.forward(), skin.pixels())?.into_iter().rev().map(Named::network).collect())
 }
 
 /// The results of one method on some presses.
-pub(crate) struct Shown {
+pub struct Shown {
     /// The method's name in tables and pictures.
     pub name: String,
     /// The same with its alpha, if any.
@@ -110,7 +110,7 @@ pub(crate) struct Shown {
 
 impl Shown {
     /// Computes the images and the contacts of a recording, and scores them.
-    pub(crate) fn of(
+    pub fn of(
         method: &Named,
         recording: &Recording,
         truth: &[Vec<Contact>],

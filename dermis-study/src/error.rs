@@ -12,10 +12,10 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 pub enum Error {
     /// A design, a mesh, a forward problem, a reconstruction or a table that cannot be used.
     #[error(transparent)]
-    Dermis(dermis::Error),
+    Dermis(Box<dermis::Error>),
     /// A twin, a touch or a score that cannot be computed.
     #[error(transparent)]
-    Sim(dermis_sim::Error),
+    Sim(Box<dermis_sim::Error>),
     /// A network that cannot be used.
     #[error(transparent)]
     Learn(#[from] Box<dermis_learn::LearnError>),
@@ -36,9 +36,6 @@ pub enum Error {
     /// Two networks with the same name: results are listed by name.
     #[error("two of the networks are called `{0}`")]
     SameName(String),
-    /// A command that trains a network was rejected (exit code 2); its own message states the reason.
-    #[error("`{0}` was refused, for the reason above")]
-    CommandRefused(String),
     /// An internal fault.
     #[error("{0}")]
     Internal(String),
@@ -49,8 +46,7 @@ impl Error {
     pub fn fix(&self) -> Option<&'static str> {
         match self {
             Error::Folder { .. } => Some("choose another place with -o"),
-            Error::SameName(_) => Some("name another in one's card.json, or reproduce with one at a time"),
-            Error::CommandRefused(_) => Some("mend that, and run again: what is done is kept"),
+            Error::SameName(_) => Some("name another in one's card.json, or compare them one at a time"),
             _ => None,
         }
     }
@@ -67,7 +63,7 @@ macro_rules! from_below {
     ($($variant:ident: $($error:ty),*;)*) => {
         $($(impl From<$error> for Error {
             fn from(error: $error) -> Self {
-                Error::$variant(error.into())
+                Error::$variant(Box::new(error.into()))
             }
         })*)*
     };

@@ -1,24 +1,22 @@
-//! The study of the paper “An ERT-based Robotic Skin with Sparsely Distributed Electrodes”: its experiments on
-//! simulated skins, compared with the figures in the paper.
+//! Demonstrations of Dermis, and the comparison of methods on simulated skins, with pictures and tables.
 //!
 //! - [`demo`]: the paper's 900 indentations in simulation, and the objects in recordings of a real tank;
-//! - [`reproduce`]: sections II to IV of the paper on digital twins, as a page and as numbers;
-//! - [`metrics`]: the figures for the comparison of methods.
+//! - [`comparison`]: the methods that reports compare, and their results;
+//! - [`plots`]: pictures of an experiment;
+//! - [`metrics`]: the figures of a method on a digital twin.
 //!
 //! Nothing here prints. Long computations report to a [`Progress`].
 
 #![warn(unreachable_pub)]
 
-mod comparison;
+pub mod comparison;
 pub mod demo;
 mod error;
 pub mod metrics;
-mod plots;
+pub mod plots;
 pub mod progress;
-pub mod reproduce;
 
 pub use error::{Error, Result};
-pub use plots::localisation_scene;
 pub use progress::{Progress, Task};
 
 /// The results of a study: a table with remarks, and the numbers as JSON.
@@ -31,7 +29,10 @@ pub struct StudyOutput {
 }
 
 /// A value as JSON, with a trailing newline.
-pub(crate) fn to_json(value: &impl serde::Serialize) -> Result<String> {
+///
+/// # Errors
+/// A value that JSON cannot represent.
+pub fn to_json(value: &impl serde::Serialize) -> Result<String> {
     let text = serde_json::to_string_pretty(value).map_err(|error| Error::Internal(error.to_string()))?;
     Ok(format!("{text}\n"))
 }

@@ -12,7 +12,7 @@ use dermis_plot::{Drawing, Key, Picture, Scale, Scene, View};
 use dermis_sim::evaluate::match_contacts;
 
 /// A skin for pictures of experiments.
-pub(crate) struct Plots<'a> {
+pub struct Plots<'a> {
     /// The skin.
     pub design: &'a SkinDesign,
     /// Its mesh.
@@ -21,17 +21,17 @@ pub(crate) struct Plots<'a> {
 }
 
 /// Caption of all pictures of localisation.
-pub(crate) const LOCALISATION_CAPTION: &str = "Black dots are the true positions, red circles the estimates, yellow the \
+pub const LOCALISATION_CAPTION: &str = "Black dots are the true positions, red circles the estimates, yellow the \
     electrodes. Left and right edge are the same line on the skin.";
 
 impl<'a> Plots<'a> {
     /// Pictures of a skin.
-    pub(crate) fn new(design: &'a SkinDesign, mesh: &'a Mesh) -> Self {
+    pub fn new(design: &'a SkinDesign, mesh: &'a Mesh) -> Self {
         Plots { design, mesh, drawing: Drawing::new(design, mesh) }
     }
 
     /// The unrolled picture; in 3D for a body without a flat layout.
-    pub(crate) fn flat(&self, scene: &Scene) -> Result<Picture> {
+    pub fn flat(&self, scene: &Scene) -> Result<Picture> {
         match self.design.body {
             dermis::design::Body::Mesh { .. } => self.solid(scene),
             _ => self.draw(scene, &View::Unrolled),
@@ -39,7 +39,7 @@ impl<'a> Plots<'a> {
     }
 
     /// The picture in 3D.
-    pub(crate) fn solid(&self, scene: &Scene) -> Result<Picture> {
+    pub fn solid(&self, scene: &Scene) -> Result<Picture> {
         self.draw(scene, &View::Solid)
     }
 
@@ -48,30 +48,30 @@ impl<'a> Plots<'a> {
     }
 
     /// The electrodes with their numbers.
-    pub(crate) fn electrodes(&self) -> Scene {
+    pub fn electrodes(&self) -> Scene {
         self.drawing.electrodes().titled("Electrodes", "")
     }
 
     /// The mesh.
-    pub(crate) fn mesh_scene(&self, title: &str) -> Scene {
+    pub fn mesh_scene(&self, title: &str) -> Scene {
         let subtitle = format!("{} nodes, {} triangles", self.mesh.node_count(), self.mesh.cell_count());
         self.drawing.mesh().titled(title, subtitle)
     }
 
     /// The sensitivity of a frame to each pixel.
-    pub(crate) fn frame_sensitivity(&self, space: &PixelSpace, sensitivity: &[f64]) -> Scene {
+    pub fn frame_sensitivity(&self, space: &PixelSpace, sensitivity: &[f64]) -> Scene {
         let scene = self.drawing.sensitivity(space, sensitivity);
         let subtitle = scene.subtitle.clone();
         scene.titled("Sensitivity of the frame", subtitle)
     }
 
     /// True and estimated positions of presses (the paper's Fig. 7).
-    pub(crate) fn localisation(&self, title: &str, subtitle: &str, truth: &[Vec<Contact>], shown: &Shown) -> Scene {
+    pub fn localisation(&self, title: &str, subtitle: &str, truth: &[Vec<Contact>], shown: &Shown) -> Scene {
         localisation_scene(&self.drawing, self.design, truth, &shown.contacts).titled(title, subtitle)
     }
 
     /// A histogram of the localisation errors.
-    pub(crate) fn errors(&self, title: &str, truth: &[Vec<Contact>], shown: &Shown) -> Picture {
+    pub fn errors(&self, title: &str, truth: &[Vec<Contact>], shown: &Shown) -> Picture {
         let surface = self.design.body.surface();
         let mut errors_mm = Vec::new();
         for (touches, contacts) in truth.iter().zip(&shown.contacts) {
@@ -96,7 +96,7 @@ impl<'a> Plots<'a> {
 
     /// The peak of the image per newton of the press in each pixel, divided by its mean (the paper's Fig. 8). Each
     /// frame has one press, each in another pixel; pixels without a press are `NaN`.
-    pub(crate) fn sensitivity_map(&self, truth: &[Vec<Contact>], shown: &Shown) -> Vec<f64> {
+    pub fn sensitivity_map(&self, truth: &[Vec<Contact>], shown: &Shown) -> Vec<f64> {
         let Some(space) = shown.images.first().map(|image| &image.space) else { return Vec::new() };
         let surface = self.design.body.surface();
         let mut values = vec![f64::NAN; space.len()];
@@ -114,7 +114,7 @@ impl<'a> Plots<'a> {
     }
 
     /// This map as a picture; pixels without a press are grey.
-    pub(crate) fn sensitivity(&self, shown: &Shown, map: &[f64], scale: Scale) -> Scene {
+    pub fn sensitivity(&self, shown: &Shown, map: &[f64], scale: Scale) -> Scene {
         let space = &shown.images[0].space;
         let mut scene = self.drawing.field(space, map, Key { scale, label: "peak per newton over its mean".into() });
         scene.title = format!("Sensitivity, {}", shown.name);
@@ -123,14 +123,7 @@ impl<'a> Plots<'a> {
     }
 
     /// One image of a method with the true positions and the detected contacts.
-    pub(crate) fn example(
-        &self,
-        title: &str,
-        subtitle: &str,
-        touches: &[Contact],
-        shown: &Shown,
-        frame: usize,
-    ) -> Scene {
+    pub fn example(&self, title: &str, subtitle: &str, touches: &[Contact], shown: &Shown, frame: usize) -> Scene {
         let mut scene = self.drawing.image(&shown.images[frame], shown.quantity);
         self.drawing.add_contacts(&mut scene, &shown.contacts[frame]);
         self.drawing.add_touches(&mut scene, touches);
@@ -138,7 +131,7 @@ impl<'a> Plots<'a> {
     }
 
     /// A true change of conductance, with marks at the touches.
-    pub(crate) fn truth_image(&self, title: &str, touches: &[Contact], image: &Image) -> Scene {
+    pub fn truth_image(&self, title: &str, touches: &[Contact], image: &Image) -> Scene {
         let mut scene = self.drawing.image(image, Quantity::Change);
         self.drawing.add_touches(&mut scene, touches);
         scene.titled(title, "")
@@ -164,7 +157,7 @@ pub fn localisation_scene(
 
 /// Four simultaneous touches, one of them on the seam, at fractions of the length of a cylinder and at angles; on the
 /// paper's skin, the nearest two are 95 mm apart. `None` on a body that is not a cylinder.
-pub(crate) fn four_touches(design: &SkinDesign, force_n: f64) -> Option<Vec<Contact>> {
+pub fn four_touches(design: &SkinDesign, force_n: f64) -> Option<Vec<Contact>> {
     let dermis::geom::Surface::Cylinder { length_m, .. } = design.body.surface() else { return None };
     let surface = design.body.surface();
     let place = |part: f64, degrees: f64| {

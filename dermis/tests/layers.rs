@@ -87,6 +87,7 @@ const CRATES: &[(&str, &[&str])] = &[
         ],
     ),
     ("dermis-bench", &["dermis", "dermis-learn", "dermis-sim"]),
+    ("paper-study", &["dermis", "dermis-cli", "dermis-learn", "dermis-plot", "dermis-sim", "dermis-study"]),
 ];
 
 type Layers = &'static [&'static [&'static str]];

@@ -27,7 +27,6 @@ pub mod plot;
 mod reconstruct;
 mod recover;
 mod replay;
-mod reproduce;
 mod robot;
 mod scan_table;
 mod schema;
@@ -77,8 +76,6 @@ pub enum Command {
     Export(export::Arguments),
     /// Run a demonstration: 900 simulated presses on the paper's skin, or recordings of a real tank; writes a report.
     Demo(demo::Arguments),
-    /// Reproduce the paper on digital twins, compare its figures and pictures with the results, and write a report.
-    Reproduce(reproduce::Arguments),
     /// Generate a training dataset: random touches, frames, images and ground truth.
     Simulate(simulate::Arguments),
     /// Train a network.
@@ -114,15 +111,14 @@ pub enum Command {
 }
 
 /// The commands by what they are for, in the order of `dermis --help`.
-pub const GROUPS: [(&str, &[&str]); 9] = [
-    ("First steps", &["new", "forward", "contacts", "plot", "live"]),
+pub const GROUPS: [(&str, &[&str]); 8] = [
+    ("First steps", &["demo", "new", "forward", "contacts", "plot", "live"]),
     ("Design", &["mesh", "bound", "optimise", "schema"]),
     ("Reconstruct and score", &["reconstruct", "evaluate", "benchmark", "characterise", "jacobian"]),
     ("Build", &["fabricate", "scan-table", "check-build", "check-device", "check-frames", "fit"]),
     ("Calibrate", &["calibrate"]),
     ("Live", &["robot", "emulate", "replay", "recover", "convert", "fault-campaign"]),
     ("Simulate and train", &["experiment", "simulate", "train", "export"]),
-    ("Study", &["demo", "reproduce"]),
     ("Shell", &["completions", "man"]),
 ];
 
@@ -140,7 +136,7 @@ impl Command {
         run_each!(
             self,
             Mesh Forward Jacobian Reconstruct Contacts Evaluate Benchmark Bound Optimise Calibrate CheckBuild
-            CheckFrames CheckDevice Fit Characterise Experiment Export Demo Reproduce Simulate Train Live Robot Emulate
+            CheckFrames CheckDevice Fit Characterise Experiment Export Demo Simulate Train Live Robot Emulate
             FaultCampaign Replay Recover Convert ScanTable Fabricate New Plot Schema Completions Man
         )
     }

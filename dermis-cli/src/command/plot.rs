@@ -15,7 +15,7 @@ use dermis::mesh::Mesh;
 use dermis::reconstruct::Quantity;
 use dermis::skin::Skin;
 use dermis_plot::{Drawing, Scene, View};
-use dermis_study::localisation_scene;
+use dermis_study::plots::localisation_scene;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 

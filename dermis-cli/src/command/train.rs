@@ -129,7 +129,7 @@ impl Arguments {
     }
 
     /// The training that the arguments describe.
-    pub fn options(&self) -> Outcome<TrainingRunOptions> {
+    fn options(&self) -> Outcome<TrainingRunOptions> {
         if !self.without.is_empty() && self.network != NetworkName::Spots {
             let message = "--without removes components of the network spots, which other networks do not have";
             return Err(Failure::given(message, Some("add `--network spots`")));
@@ -209,7 +209,7 @@ impl Arguments {
 }
 
 /// The losses against the epoch.
-pub fn losses(epochs: &[Epoch]) -> Picture {
+fn losses(epochs: &[Epoch]) -> Picture {
     let curve = |name: &str, of: fn(&Epoch) -> f64| {
         let place = |(number, epoch): (usize, &Epoch)| [number as f64 + 1.0, of(epoch)];
         (name.to_string(), epochs.iter().enumerate().map(place).collect::<Vec<_>>())

@@ -106,11 +106,6 @@ impl Training {
         &self.preset
     }
 
-    /// Whether every epoch has new samples.
-    pub fn is_stream(&self) -> bool {
-        self.data.is_empty()
-    }
-
     /// The training samples.
     pub fn training(&self) -> &Samples {
         &self.training

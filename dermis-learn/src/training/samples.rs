@@ -73,21 +73,6 @@ impl Samples {
         &*self.source
     }
 
-    /// The symmetries that samples are moved by.
-    pub fn symmetries(&self) -> Option<&Symmetries> {
-        self.symmetries.as_ref()
-    }
-
-    /// For each contact the change of a frame by one standard deviation of its drift, ohm; none without drift.
-    pub fn contact_drifts(&self) -> &[Vec<f32>] {
-        &self.contacts
-    }
-
-    /// The chart of the skin, and the centres of the pixels in its coordinates, m.
-    pub fn pixels(&self) -> (&Chart, &[Point3]) {
-        (&self.chart, &self.pixels)
-    }
-
     /// The undisturbed difference of a prepared sample, ohm.
     ///
     /// # Errors

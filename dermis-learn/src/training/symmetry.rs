@@ -93,30 +93,6 @@ impl Symmetries {
         self.elements.get(element).map_or(point, |symmetry| symmetry.motion.apply(point))
     }
 
-    /// A symmetry as an affine map of points, [rotation | translation]: three rows of four, m.
-    pub fn motion(&self, element: usize) -> [[f64; 4]; 3] {
-        let origin = self.point(element, [0.0; 3]);
-        let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| self.point(element, axis));
-        std::array::from_fn(|row| {
-            let [x, y, z] = columns.map(|column| column[row] - origin[row]);
-            [x, y, z, origin[row]]
-        })
-    }
-
-    /// A symmetry as a map of frames, channels x channels, row-major: its product with a frame is
-    /// [`frame`](Self::frame).
-    pub fn matrix(&self, element: usize) -> Vec<f32> {
-        let count = self.drives.len();
-        let (mut matrix, mut frame, mut moved) = (vec![0.0; count * count], vec![0.0; count], vec![0.0; count]);
-        for channel in 0..count {
-            frame[channel] = 1.0;
-            self.frame(element, &frame, &mut moved);
-            frame[channel] = 0.0;
-            moved.iter().zip(matrix[channel..].iter_mut().step_by(count)).for_each(|(&value, place)| *place = value);
-        }
-        matrix
-    }
-
     /// The frame of a skin transformed by a symmetry, from the frame of the skin: transfer resistances follow their
     /// electrodes. Frames must be free of noise: each result is a sum of several values.
     pub fn frame(&self, element: usize, frame: &[f32], moved: &mut [f32]) {
@@ -248,13 +224,6 @@ mod tests {
             // Meshes are not symmetric: the tolerance is their discretisation error.
             assert!(size(&off) < 0.02 * size(&there), "{element}: {}", size(&off) / size(&there));
         }
-        let (matrix, [x, y, z]) = (symmetries.matrix(13), place);
-        let product: Vec<f32> =
-            matrix.chunks_exact(870).map(|row| row.iter().zip(&here).map(|(a, b)| a * b).sum()).collect();
-        symmetries.frame(13, &here, &mut moved);
-        assert!(product.iter().zip(&moved).all(|(a, b)| (a - b).abs() < 1e-5 * size(&here)));
-        let mapped = symmetries.motion(13).map(|[a, b, c, d]| a * x + b * y + c * z + d);
-        assert!(dermis::geom::vector::distance(mapped, symmetries.point(13, place)) < 1e-12);
         symmetries.frame(0, &here, &mut moved);
         assert!(here.iter().zip(&moved).all(|(a, b)| (a - b).abs() < 1e-5 * size(&here)));
     }

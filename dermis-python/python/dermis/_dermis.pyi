@@ -26,7 +26,6 @@ __all__ = [
     "Simulation",
     "Skin",
     "Solution",
-    "Training",
     "Twin",
     "__version__",
     "commands_json",
@@ -864,78 +863,6 @@ class Solution:
         Raises:
             DermisError: A wrong shape.
         """
-
-@final
-class Training:
-    """The samples, options and files of `dermis train`, for `dermis.torch.train`.
-
-    Args:
-        arguments: Those of `dermis train`.
-
-    Raises:
-        DermisError: What `dermis train` refuses.
-    """
-
-    def __new__(cls, arguments: Sequence[str]) -> Self: ...
-    @property
-    def output(self) -> Any:
-        """The folder for the model (a path)."""
-
-    @property
-    def settings(self) -> str:
-        """Architecture, input, target, noise, options and numbers of samples as JSON, with the keys of `card.json`."""
-
-    @property
-    def is_stream(self) -> bool:
-        """Whether every epoch has new samples."""
-
-    @property
-    def steps_per_epoch(self) -> int:
-        """Number of steps of an epoch."""
-
-    def initial_weights(self) -> bytes:
-        """The weights before the first step, a safetensors file."""
-
-    def augmentation(self) -> dict[str, Any]:
-        """What samples are augmented by.
-
-        Returns:
-            By name: `frames` (symmetries, channels, channels), the symmetries as maps of frames; `motions`
-            (symmetries, 3, 4), as affine maps of points, m; `contacts` (electrodes, channels), the change of a frame by
-            one standard deviation of each contact's drift, ohm; `pixels` (pixels, 3), centres on the unrolled surface,
-            m; `period` of the first of these coordinates, m, or None.
-        """
-
-    def order(self, epoch: int) -> NDArray[np.uint64]:
-        """The samples of an epoch, numbered from 1, in their order."""
-
-    def batch(self, numbers: ArrayLike, *, test: bool = False) -> dict[str, NDArray[np.float32]]:
-        """Samples by number.
-
-        Args:
-            numbers: Numbers of samples, (n,).
-            test: Of the test samples.
-
-        Returns:
-            By name: `difference` and `rest` (n, channels), ohm; `image` (n, pixels) if the target is the change of
-            conductance, else `touches` (n, most, 4): centre (m) and size (N, or cm2 of Gaussian touches), zero after
-            the last.
-
-        Raises:
-            DermisError: A number without a sample.
-        """
-
-    def rate(self, step: int) -> float:
-        """The learning rate of a step, numbered from 1."""
-
-    def is_done(self, epochs: str) -> bool:
-        """Whether the training ends after these epochs: a JSON list of `training_loss`, `test_loss`, `seconds`."""
-
-    def write_losses(self, epochs: str) -> None:
-        """Writes `losses.svg` into the folder."""
-
-    def save(self, weights: bytes, epochs: str) -> None:
-        """Writes the model of trained weights, a safetensors file, into the folder."""
 
 @final
 class Twin:

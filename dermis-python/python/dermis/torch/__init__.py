@@ -13,6 +13,5 @@ True
 from dermis.torch._forward import ElectrodeMotion, forward
 from dermis.torch._network import Network
 from dermis.torch._samples import SampleDataset, SampleStream
-from dermis.torch._training import train
 
-__all__ = ["ElectrodeMotion", "Network", "SampleDataset", "SampleStream", "forward", "train"]
+__all__ = ["ElectrodeMotion", "Network", "SampleDataset", "SampleStream", "forward"]

@@ -1,20 +1,20 @@
 //! The page of a reproduction.
 
-use super::bias::Structure;
-use super::results::{Results, StructureStudy};
-use super::scale::{CHOOSING_SEED, Scale};
-use super::stage::{Done, time};
-use super::stated::{facts, results, table};
-use crate::Result;
-use crate::plots::{LOCALISATION_CAPTION, Plots};
+use crate::bias::Structure;
+use crate::results::{Results, StructureStudy};
+use crate::scale::{CHOOSING_SEED, Scale};
+use crate::stage::{Done, time};
+use crate::stated::{facts, results, table};
 use dermis::text::counted;
 use dermis_learn::{Card, Epoch};
 use dermis_plot::Picture;
 use dermis_plot::chart::Curves;
 use dermis_plot::report::{Report, Table};
+use dermis_study::Result;
+use dermis_study::plots::{LOCALISATION_CAPTION, Plots};
 
 /// The page.
-pub(super) fn page(found: &Results<'_>, stages: &[Done]) -> Result<Report> {
+pub(crate) fn page(found: &Results<'_>, stages: &[Done]) -> Result<Report> {
     let design = found.bench.skin.design();
     let plots = Plots::new(design, found.bench.skin.mesh());
     let lead = format!(

@@ -1,9 +1,9 @@
 //! The figures in the paper, one by one, next to those of the reproduction: `stated.toml` has the rows, with what the
 //! paper states and what differs; this module computes their values.
 
-use super::benchmarked::Benchmarked;
-use super::bias::Structure;
-use super::results::Results;
+use crate::benchmarked::Benchmarked;
+use crate::bias::Structure;
+use crate::results::Results;
 use dermis::design::{Body, ImageLayout};
 use dermis_learn::{Epoch, TrainingRecord};
 use dermis_plot::report::Table;
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 /// A figure in the paper and in the reproduction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Row {
+pub(crate) struct Row {
     /// The name of the computed values.
     #[serde(skip_serializing)]
     key: String,
@@ -53,7 +53,7 @@ impl Stated {
 }
 
 /// A table of rows: the columns of the paper, those of the reproduction, and the differences.
-pub(super) fn table(paper: &[&str], ours: &[&str], rows: &[Row]) -> Table {
+pub(crate) fn table(paper: &[&str], ours: &[&str], rows: &[Row]) -> Table {
     let header: Vec<&str> = ["figure"].iter().chain(paper).chain(ours).chain(&["what differs"]).copied().collect();
     let mut table = Table::with_remarks(&header);
     for row in rows {
@@ -71,12 +71,12 @@ fn filled(rows: Vec<Row>, ours: impl Fn(&str) -> Option<Vec<String>>) -> Vec<Row
 }
 
 /// Rows on the sensor, its instrument and its data.
-pub(super) fn facts(results: &Results<'_>) -> Vec<Row> {
+pub(crate) fn facts(results: &Results<'_>) -> Vec<Row> {
     filled(Stated::read().facts, |key| Some(vec![FACTS.iter().find(|fact| fact.0 == key)?.1(results)]))
 }
 
 /// Rows of results: those of the benchmark, and of structure and losses where there are any.
-pub(super) fn results(results: &Results<'_>) -> Vec<Row> {
+pub(crate) fn results(results: &Results<'_>) -> Vec<Row> {
     filled(Stated::read().results, |key| RESULTS.iter().find(|value| value.0 == key)?.1.of_all(key, results))
 }
 
@@ -230,7 +230,7 @@ fn last(record: &TrainingRecord, of: impl Fn(&Epoch) -> String) -> Option<String
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::figures;
+    use dermis_study::metrics::figures;
 
     fn keys<'a>(keys: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
         let mut keys: Vec<&str> = keys.collect();

@@ -1,10 +1,10 @@
-//! `dermis reproduce`, as users run it.
+//! The study, as users run it.
 
 use std::path::Path;
 use std::process::{Command, Output};
 
-fn dermis(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_dermis")).args(arguments).current_dir(folder).output().expect("dermis runs")
+fn study(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_paper-study")).args(arguments).current_dir(folder).output().expect("it runs")
 }
 
 fn refused(output: &Output) -> String {
@@ -13,12 +13,12 @@ fn refused(output: &Output) -> String {
 }
 
 /// The smallest scale on the twin without patches, in some seconds.
-const GLANCE: [&str; 6] = ["reproduce", "--scale", "glance", "--twin", "ideal", "--json"];
+const GLANCE: [&str; 5] = ["--scale", "glance", "--twin", "ideal", "--json"];
 
 #[test]
 fn a_glance_makes_the_page_and_the_same_numbers_and_goes_on_where_it_was() {
     let folder = tempfile::tempdir().unwrap();
-    let output = dermis(folder.path(), &GLANCE);
+    let output = study(folder.path(), &GLANCE);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let told: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
     let file = std::fs::read(folder.path().join("report/report.json")).unwrap();
@@ -52,7 +52,7 @@ fn a_glance_makes_the_page_and_the_same_numbers_and_goes_on_where_it_was() {
     // Finished parts are not repeated, and the results are the same.
     let kept = folder.path().join("report/work/benchmark-noser-1001.json");
     let before = std::fs::metadata(&kept).unwrap().modified().unwrap();
-    let again = dermis(folder.path(), &GLANCE);
+    let again = study(folder.path(), &GLANCE);
     let told_again: serde_json::Value = serde_json::from_slice(&again.stdout).expect("JSON");
     assert_eq!(std::fs::metadata(&kept).unwrap().modified().unwrap(), before);
     assert_eq!(told_again["methods"], told["methods"]);
@@ -62,16 +62,16 @@ fn a_glance_makes_the_page_and_the_same_numbers_and_goes_on_where_it_was() {
 #[test]
 fn an_invalid_design_or_folder_is_rejected_immediately() {
     let folder = tempfile::tempdir().unwrap();
-    let message = refused(&dermis(folder.path(), &["reproduce", "cylinder31"]));
+    let message = refused(&study(folder.path(), &["cylinder31"]));
     assert!(message.contains("cylinder31"), "{message}");
     assert!(!folder.path().join("report").exists(), "nothing is made for a mistake");
-    let message = refused(&dermis(folder.path(), &["reproduce", "--twin", "lob"]));
+    let message = refused(&study(folder.path(), &["--twin", "lob"]));
     assert!(message.contains("lob"), "{message}");
     std::fs::write(folder.path().join("taken"), "a file").unwrap();
-    let message = refused(&dermis(folder.path(), &["reproduce", "-o", "taken"]));
+    let message = refused(&study(folder.path(), &["-o", "taken"]));
     assert!(message.contains("taken") && message.contains("-o"), "{message}");
-    let message = refused(&dermis(folder.path(), &["reproduce", "--method", "nowhere"]));
+    let message = refused(&study(folder.path(), &["--method", "nowhere"]));
     assert!(message.contains("nowhere") && !folder.path().join("report/index.html").exists(), "{message}");
-    let message = refused(&dermis(folder.path(), &["reproduce", "--scale", "huge"]));
+    let message = refused(&study(folder.path(), &["--scale", "huge"]));
     assert!(message.contains("huge") && message.contains("quick"), "{message}");
 }

@@ -1,8 +1,8 @@
-//! The stages of a reproduction: their durations, and saved results, so that an interrupted run can continue.
+//! The stages of the study: their durations, and saved results, so that an interrupted run can continue.
 
-use crate::progress::Progress;
-use crate::{Error, Result};
 use dermis::frame::write_whole;
+use dermis_study::Progress;
+use dermis_study::{Error, Result};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::cell::Cell;
@@ -11,7 +11,7 @@ use std::time::Instant;
 
 /// A completed stage.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct Done {
+pub(crate) struct Done {
     /// Description.
     pub stage: String,
     /// Duration, s; nearly zero if its results were saved before.
@@ -19,7 +19,7 @@ pub(super) struct Done {
 }
 
 /// The stages of a run and their durations.
-pub(super) struct Schedule<'a> {
+pub(crate) struct Schedule<'a> {
     progress: &'a dyn Progress,
     begun: Instant,
     planned: Vec<String>,
@@ -28,18 +28,18 @@ pub(super) struct Schedule<'a> {
 
 impl<'a> Schedule<'a> {
     /// A schedule of stages.
-    pub(super) fn new(planned: Vec<String>, progress: &'a dyn Progress) -> Self {
+    pub(crate) fn new(planned: Vec<String>, progress: &'a dyn Progress) -> Self {
         Schedule { progress, begun: Instant::now(), planned, done: Vec::new() }
     }
 
     /// The list of stages.
-    pub(super) fn summary(&self) -> String {
+    pub(crate) fn summary(&self) -> String {
         let stages = self.planned.iter().enumerate().map(|(number, stage)| format!("\n  {}  {stage}", number + 1));
         format!("stages:{}", stages.collect::<String>())
     }
 
     /// Runs the next stage and records its duration.
-    pub(super) fn stage<T>(&mut self, work: impl FnOnce(&Parts<'_>) -> Result<T>) -> Result<T> {
+    pub(crate) fn stage<T>(&mut self, work: impl FnOnce(&Parts<'_>) -> Result<T>) -> Result<T> {
         let stage = self.planned[self.done.len()].clone();
         let begun = Instant::now();
         let result = work(&Parts::new(self.progress))?;
@@ -56,18 +56,18 @@ impl<'a> Schedule<'a> {
     }
 
     /// The completed stages.
-    pub(super) fn done(&self) -> &[Done] {
+    pub(crate) fn done(&self) -> &[Done] {
         &self.done
     }
 
     /// Seconds since the start of the schedule.
-    pub(super) fn elapsed_s(&self) -> f64 {
+    pub(crate) fn elapsed_s(&self) -> f64 {
         self.begun.elapsed().as_secs_f64()
     }
 }
 
 /// The parts of a stage. The remaining time is estimated from the completed parts, as soon as there is one.
-pub(super) struct Parts<'a> {
+pub(crate) struct Parts<'a> {
     progress: &'a dyn Progress,
     done: Cell<usize>,
     made: Cell<usize>,
@@ -80,7 +80,7 @@ impl<'a> Parts<'a> {
     }
 
     /// Runs one of `total` parts. Parts with saved results take no time, and are not used for the estimate.
-    pub(super) fn part<T>(&self, total: usize, work: &Work, part: impl FnOnce() -> Result<T>) -> Result<T> {
+    pub(crate) fn part<T>(&self, total: usize, work: &Work, part: impl FnOnce() -> Result<T>) -> Result<T> {
         let (made, begun) = (work.made.get(), Instant::now());
         let result = part()?;
         self.done.set(self.done.get() + 1);
@@ -103,7 +103,7 @@ impl<'a> Parts<'a> {
 }
 
 /// A duration as text.
-pub(super) fn time(seconds: f64) -> String {
+pub(crate) fn time(seconds: f64) -> String {
     match seconds {
         s if s < 9.95 => format!("{s:.1} s"),
         s if s < 119.5 => format!("{s:.0} s"),
@@ -114,7 +114,7 @@ pub(super) fn time(seconds: f64) -> String {
 
 /// A folder of saved results.
 #[derive(Debug)]
-pub(super) struct Work {
+pub(crate) struct Work {
     folder: PathBuf,
     key: String,
     /// Number of results that were computed, not read.
@@ -129,19 +129,14 @@ struct Kept<T> {
 
 impl Work {
     /// A folder for results with one key: a text with all inputs of the results.
-    pub(super) fn new(folder: &Path, key: String) -> Result<Self> {
+    pub(crate) fn new(folder: &Path, key: String) -> Result<Self> {
         std::fs::create_dir_all(folder).map_err(|source| Error::Folder { folder: folder.to_path_buf(), source })?;
         Ok(Work { folder: folder.to_path_buf(), key, made: Cell::new(0) })
     }
 
-    /// The folder.
-    pub(super) fn folder(&self) -> &Path {
-        &self.folder
-    }
-
     /// Reads the saved result if its key is the same; otherwise computes and saves it. An unreadable file is computed
     /// again.
-    pub(super) fn kept<T: Serialize + DeserializeOwned>(
+    pub(crate) fn kept<T: Serialize + DeserializeOwned>(
         &self,
         name: &str,
         more_key: &str,

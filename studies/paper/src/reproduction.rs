@@ -1,98 +1,39 @@
-//! Sections II to IV of the paper on digital twins, as one page and as numbers.
-//!
-//! ```no_run
-//! use dermis_study::reproduce::{Reproduction, Scale};
-//!
-//! let reproduction = Reproduction {
-//!     design: "cylinder30".into(),
-//!     twin: "lab".into(),
-//!     models: vec![],
-//!     scale: Scale::Quick,
-//!     output: "report".into(),
-//!     program: "dermis".into(),
-//! };
-//! println!("{}", reproduction.run(&())?.text);
-//! # Ok::<(), dermis_study::Error>(())
-//! ```
+//! The study: its stages in order, and what they write.
 
-mod bench;
-mod benchmarked;
-mod bias;
-mod choose;
-mod controls;
-mod gallery;
-mod page;
-mod results;
-mod scale;
-mod stage;
-mod stated;
-mod training;
-
-pub use scale::Scale;
-pub use training::Step;
-
-use crate::comparison::{Named, shipped_networks};
-use crate::to_json;
-use crate::{Error, Progress, Result, StudyOutput};
-use bench::Bench;
-use benchmarked::Benchmarked;
-use choose::Choice;
+use crate::Arguments;
+use crate::bench::Bench;
+use crate::benchmarked::Benchmarked;
+use crate::choose::Choice;
+use crate::gallery::Gallery;
+use crate::results::{Results, StructureStudy};
+use crate::scale::Scale;
+use crate::stage::{Parts, Schedule, Work, time};
+use crate::{bias, controls, page, stated};
 use dermis::design::SkinDesign;
 use dermis::frame::write_whole;
 use dermis::skin::Skin;
 use dermis_sim::twin::TwinOptions;
-use gallery::Gallery;
-use results::{Results, StructureStudy};
-use stage::{Parts, Schedule, Work, time};
+use dermis_study::comparison::{Named, shipped_networks};
+use dermis_study::{Error, Progress, Result, StudyOutput, to_json};
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::path::{Path, PathBuf};
 
-/// Inputs and output of a reproduction.
-#[derive(Debug, Clone)]
-pub struct Reproduction {
-    /// The design: a path, or a shipped name.
-    pub design: String,
-    /// The twin: the path of its file, or a shipped name.
-    pub twin: String,
-    /// Folders of networks to compare with the linear methods. Without one, scale `paper` trains its own networks; the
-    /// other scales use the shipped ones.
-    pub models: Vec<PathBuf>,
-    /// The scale.
-    pub scale: Scale,
-    /// The folder for `index.html`, `report.json` and the folder `work`, which stores the finished parts of an
-    /// interrupted run.
-    pub output: PathBuf,
-    /// The program `dermis`, whose commands train networks. Saved results are valid for one program file only.
-    pub program: PathBuf,
-}
-
-impl Reproduction {
+impl Arguments {
     /// Computes the numbers and writes the page.
     ///
     /// # Errors
     /// A design, a twin or a network that cannot be used; two networks with the same name; a folder that cannot be
     /// written.
-    pub fn run(&self, progress: &dyn Progress) -> Result<StudyOutput> {
+    pub(crate) fn run(&self, progress: &dyn Progress) -> Result<StudyOutput> {
         let design = SkinDesign::load(&self.design)?;
         let twin = TwinOptions::load(&self.twin)?;
         let work = Work::new(&self.output.join("work"), self.key(&design, &twin))?;
         let controls = controls::controls(&design);
         let bench = Bench { skin: Skin::new(design)?, twin: &twin, progress };
         let mut networks = self.networks(&bench)?;
-        let steps = if self.scale == Scale::Paper && networks.is_empty() {
-            training_steps(&self.design, &self.twin, work.folder())?
-        } else {
-            Vec::new()
-        };
-        let mut stages: Vec<String> = steps.iter().map(Step::summary).collect();
-        stages.extend(["choosing alpha", "assessing the methods", "pictures"].map(String::from));
+        let mut stages = ["choosing alpha", "assessing the methods", "pictures"].map(String::from).to_vec();
         stages.extend(controls.is_some().then(|| "structure and its controls".to_string()));
         let mut schedule = Schedule::new(stages, progress);
         progress.note(&schedule.summary());
-        for step in &steps {
-            schedule.stage(|_| step.carry_out(&self.program))?;
-            networks.extend(step.model.iter().map(|folder| bench.network(folder)).collect::<Result<Vec<_>>>()?);
-        }
 
         let choice: Choice = schedule.stage(|_| work.kept("alpha", "", || Choice::make(&bench, self.scale)))?;
         let mut methods: Vec<Named> = choice.methods(&bench)?;
@@ -114,9 +55,9 @@ impl Reproduction {
         self.write(&found, &schedule)
     }
 
-    /// The networks that need no training; a folder without a network for this skin is rejected before the first press.
+    /// The networks; a folder without a network for this skin is rejected before the first press.
     fn networks(&self, bench: &Bench<'_>) -> Result<Vec<Named>> {
-        if self.models.is_empty() && self.scale != Scale::Paper {
+        if self.models.is_empty() {
             return shipped_networks(&bench.skin);
         }
         let networks: Vec<Named> = self.models.iter().map(|folder| bench.network(folder)).collect::<Result<_>>()?;
@@ -147,23 +88,16 @@ impl Reproduction {
         Ok(StudyOutput { text, json })
     }
 
-    /// All inputs of the saved results except the methods: the program, the design, the twin and the scale.
+    /// All inputs of the saved results except the methods: this program, the design, the twin and the scale.
     fn key(&self, design: &SkinDesign, twin: &TwinOptions) -> String {
-        let program = std::fs::metadata(&self.program).map(|file| (file.len(), file.modified().ok())).ok();
+        let program = std::env::current_exe().and_then(std::fs::metadata);
+        let program = program.map(|file| (file.len(), file.modified().ok())).ok();
         let mut hasher = DefaultHasher::new();
         format!("{design:?}{twin:?}{program:?}").hash(&mut hasher);
         let version = env!("CARGO_PKG_VERSION");
         let (design, twin, scale, hash) = (&design.name, &twin.name, self.scale, hasher.finish());
         format!("dermis {version}, {design}, {twin}, {scale:?}, {hash:016x}")
     }
-}
-
-/// The commands that train both networks from scratch, in order; their output is written to a folder.
-///
-/// # Errors
-/// A folder that cannot be written.
-pub fn training_steps(design: &str, twin: &str, work: &Path) -> Result<Vec<Step>> {
-    training::steps(design, twin, work)
 }
 
 /// The design under study and its controls, each with the linear methods; the design under study also with the other

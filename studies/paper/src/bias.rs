@@ -1,17 +1,17 @@
 //! Effects of the structure of a skin: error, sensitivity and bias by position.
 
-use super::bench::Bench;
-use super::choose::Choice;
-use super::controls::{Control, place_m};
-use super::scale::{REPORTED_SEED, Scale};
-use super::stage::Work;
-use crate::Result;
-use crate::comparison::{Named, Shown};
+use crate::bench::Bench;
+use crate::choose::Choice;
+use crate::controls::{Control, place_m};
+use crate::scale::{REPORTED_SEED, Scale};
+use crate::stage::Work;
 use dermis::contact::Contact;
 use dermis::detect::whole_image_centroid;
 use dermis::geom::{Chart, Shape, Surface};
 use dermis::stats::mean_and_sd;
 use dermis_sim::evaluate::match_contacts;
+use dermis_study::Result;
+use dermis_study::comparison::{Named, Shown};
 use serde::{Deserialize, Serialize};
 
 /// Number of bins of a profile.
@@ -34,7 +34,7 @@ struct ScoredPress {
 
 /// Results of one method on one structure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct Structure {
+pub(crate) struct Structure {
     /// The design's identifier.
     pub design: String,
     /// The method's identifier.
@@ -81,7 +81,7 @@ pub(super) struct Structure {
 
 /// Mean and standard deviation; zero without values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(super) struct MeanSd {
+pub(crate) struct MeanSd {
     /// Number of values.
     pub count: usize,
     /// Their mean.
@@ -92,7 +92,7 @@ pub(super) struct MeanSd {
 
 impl MeanSd {
     /// Of some values.
-    pub(super) fn of(values: impl IntoIterator<Item = f64>) -> Self {
+    pub(crate) fn of(values: impl IntoIterator<Item = f64>) -> Self {
         let values: Vec<f64> = values.into_iter().filter(|value| value.is_finite()).collect();
         let count = values.len();
         if count == 0 {
@@ -103,18 +103,18 @@ impl MeanSd {
     }
 
     /// The mean of lengths as text, mm.
-    pub(super) fn mean_mm(&self) -> String {
+    pub(crate) fn mean_mm(&self) -> String {
         if self.count == 0 { "none".into() } else { format!("{:.1}", self.mean * 1e3) }
     }
 
     /// The same with the standard deviation.
-    pub(super) fn mean_and_sd_mm(&self) -> String {
+    pub(crate) fn mean_and_sd_mm(&self) -> String {
         if self.count == 0 { "none".into() } else { format!("{} \u{b1} {:.1}", self.mean_mm(), self.sd * 1e3) }
     }
 }
 
 /// Presses the twins of a design and evaluates all methods on the structure; saved results are reused.
-pub(super) fn structures(
+pub(crate) fn structures(
     control: &Control,
     cut_rad: f64,
     bench: &Bench<'_>,
@@ -128,7 +128,7 @@ pub(super) fn structures(
 }
 
 /// The linear methods with the best alpha for a control, chosen on its own twins.
-pub(super) fn linear(control: &Control, bench: &Bench<'_>, scale: Scale, work: &Work) -> Result<Vec<Named>> {
+pub(crate) fn linear(control: &Control, bench: &Bench<'_>, scale: Scale, work: &Work) -> Result<Vec<Named>> {
     let name = format!("alpha-{}", control.key);
     let choice: Choice = work.kept(&name, &bench.skin.design().name, || Choice::make(bench, scale))?;
     choice.methods(bench)

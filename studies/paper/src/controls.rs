@@ -6,7 +6,7 @@ use dermis::geom::{Chart, Point3, Surface};
 use std::f64::consts::TAU;
 
 /// A design that differs from the design under study in one aspect.
-pub(super) struct Control {
+pub(crate) struct Control {
     /// Its identifier.
     pub key: &'static str,
     /// Its name in tables and pictures.
@@ -16,7 +16,7 @@ pub(super) struct Control {
 }
 
 /// The design under study and its controls, and the angle of the cut.
-pub(super) struct Controls {
+pub(crate) struct Controls {
     /// The designs; the first is the design under study.
     pub designs: Vec<Control>,
     /// Angle of the cut, rad; as far as possible from all electrodes.
@@ -36,7 +36,7 @@ pub(super) struct Controls {
 ///
 /// `None` for a body that is not a cylinder, for electrodes that are not discs, and for electrodes without room for a
 /// cut.
-pub(super) fn controls(design: &SkinDesign) -> Option<Controls> {
+pub(crate) fn controls(design: &SkinDesign) -> Option<Controls> {
     let Surface::Cylinder { radius_m, length_m } = design.body.surface() else { return None };
     let cut_rad = cut(design, radius_m)?;
     let own = |key, name, design| Control { key, name, design };
@@ -122,7 +122,7 @@ fn checked(design: SkinDesign) -> Option<SkinDesign> {
 
 /// A position for the comparison of the controls: the arc from the cut and the height, m. On the opened skin these are
 /// x and y.
-pub(super) fn place_m(surface: &Surface, place: Point3, cut_rad: f64) -> [f64; 2] {
+pub(crate) fn place_m(surface: &Surface, place: Point3, cut_rad: f64) -> [f64; 2] {
     let chart = Chart::of(surface).with_seam(cut_rad);
     let [x, y] = chart.unroll(place);
     [if chart.period_m().is_some() { x - chart.bounds_m()[0][0] } else { x }, y]

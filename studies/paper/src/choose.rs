@@ -1,12 +1,12 @@
 //! Selection of alpha for a linear method, on twins that are not reported.
 
-use super::bench::{Bench, Pressed};
-use super::scale::{CHOOSING_SEED, Scale};
-use crate::Result;
-use crate::comparison::{LINEAR, Named, Shown};
+use crate::bench::{Bench, Pressed};
+use crate::scale::{CHOOSING_SEED, Scale};
 use dermis::contact::GATE_M;
 use dermis::reconstruct::Alpha;
 use dermis_sim::evaluate::Score;
+use dermis_study::Result;
+use dermis_study::comparison::{LINEAR, Named, Shown};
 use serde::{Deserialize, Serialize};
 
 /// Exponents of ten of the tested alphas, in quarters: from images dominated by noise to over-smoothed images.
@@ -14,7 +14,7 @@ const QUARTER_POWERS: std::ops::RangeInclusive<i32> = -6..=4;
 
 /// A tested alpha and its cost.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(super) struct Tried {
+pub(crate) struct Tried {
     /// Alpha.
     pub alpha: f64,
     /// Mean distance of a press from its contact, m; a miss or a false positive counts as the gate of 20 mm.
@@ -23,7 +23,7 @@ pub(super) struct Tried {
 
 /// All tested alphas of each linear method, and the best one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct Choice {
+pub(crate) struct Choice {
     /// Best alpha of each method of [`LINEAR`].
     pub alphas: Vec<f64>,
     /// All tested alphas of each method.
@@ -32,7 +32,7 @@ pub(super) struct Choice {
 
 impl Choice {
     /// Tests all alphas on twins that are not reported.
-    pub(super) fn make(bench: &Bench<'_>, scale: Scale) -> Result<Self> {
+    pub(crate) fn make(bench: &Bench<'_>, scale: Scale) -> Result<Self> {
         let seeds = CHOOSING_SEED..CHOOSING_SEED + scale.choosing_twins();
         let count = scale.choosing_presses();
         let task = bench.progress.begin("pressing twins to choose alpha", count * seeds.clone().count());
@@ -51,7 +51,7 @@ impl Choice {
     }
 
     /// The linear methods with these alphas.
-    pub(super) fn methods(&self, bench: &Bench<'_>) -> Result<Vec<Named>> {
+    pub(crate) fn methods(&self, bench: &Bench<'_>) -> Result<Vec<Named>> {
         let linear = |(which, &alpha): (usize, &f64)| Named::linear(which, &bench.skin, Alpha::Given(alpha));
         self.alphas.iter().enumerate().map(linear).collect()
     }

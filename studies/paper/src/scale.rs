@@ -1,13 +1,14 @@
-//! The scale of a reproduction.
+//! The scale of the study.
 
+use clap::ValueEnum;
 use dermis_sim::evaluate::BenchmarkOptions;
 use dermis_sim::experiment::Sizes;
 use serde::Serialize;
 
-/// The scale of a reproduction.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+/// The scale of the study.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
-pub enum Scale {
+pub(crate) enum Scale {
     /// One twin and a few dozen presses, in seconds: a preview of the page, not for its figures.
     Glance,
     /// Two twins, the whole grid and a third of everything else; at most five minutes on two cores.
@@ -17,9 +18,9 @@ pub enum Scale {
 }
 
 /// First seed of the reported twins; no selection uses them.
-pub(super) const REPORTED_SEED: u64 = 1001;
+pub(crate) const REPORTED_SEED: u64 = 1001;
 /// First seed of the twins for selections.
-pub(super) const CHOOSING_SEED: u64 = 2001;
+pub(crate) const CHOOSING_SEED: u64 = 2001;
 
 impl Scale {
     /// Number of reported twins.

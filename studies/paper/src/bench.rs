@@ -1,20 +1,20 @@
 //! Presses on the twins of one skin.
 
-use crate::Result;
-use crate::comparison::Named;
-use crate::progress::{Progress, Task};
 use dermis::contact::Contact;
 use dermis::frame::Frame;
 use dermis::skin::Skin;
 use dermis_learn::Model;
 use dermis_sim::experiment::{Presses, Recording, record, truth};
 use dermis_sim::twin::{Press, Twin, TwinOptions};
+use dermis_study::Result;
+use dermis_study::comparison::Named;
+use dermis_study::{Progress, Task};
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
 
 /// A nominal skin and its twins.
-pub(super) struct Bench<'a> {
+pub(crate) struct Bench<'a> {
     /// The nominal skin; methods have no other information on the twins.
     pub skin: Skin,
     /// The distribution of the twins.
@@ -24,7 +24,7 @@ pub(super) struct Bench<'a> {
 }
 
 /// Results of pressing one twin.
-pub(super) struct Pressed {
+pub(crate) struct Pressed {
     /// The frames of its instrument.
     pub recording: Recording,
     /// True positions of the touches in each frame.
@@ -39,17 +39,17 @@ pub(super) struct Pressed {
 
 impl Bench<'_> {
     /// Loads the network in a folder for this skin.
-    pub(super) fn network(&self, folder: &Path) -> Result<Named> {
+    pub(crate) fn network(&self, folder: &Path) -> Result<Named> {
         Ok(Named::network(Model::load(folder, self.skin.forward(), Arc::clone(self.skin.pixels()))?))
     }
 
     /// The positions and forces of the presses with this seed.
-    pub(super) fn presses(&self, seed: u64) -> Presses<'_> {
+    pub(crate) fn presses(&self, seed: u64) -> Presses<'_> {
         Presses::new(self.skin.design(), self.skin.mesh(), self.skin.pixels(), self.twin.press, seed)
     }
 
     /// Draws a twin, presses it, and reads some untouched frames at the end.
-    pub(super) fn press(&self, seed: u64, presses: &[Vec<Press>], untouched: u64, task: &dyn Task) -> Result<Pressed> {
+    pub(crate) fn press(&self, seed: u64, presses: &[Vec<Press>], untouched: u64, task: &dyn Task) -> Result<Pressed> {
         let twin = Twin::new(self.skin.design(), self.twin, seed)?;
         let recording = record(&twin, presses, 0, || task.advance(1))?;
         let frame = |index: u64| Ok(&twin.frame(&[], recording.next_index + index)? - &recording.baseline);

@@ -1,25 +1,26 @@
 //! Benchmark results of the methods on the reported twins, in a serialisable form.
 
-use super::bench::Bench;
-use super::scale::{REPORTED_SEED, Scale};
-use super::stage::{Parts, Work};
-use super::training::gaussian_recipe;
-use crate::Result;
-use crate::comparison::Named;
-use crate::metrics::benchmark_frames;
-use crate::metrics::figures;
+use crate::bench::Bench;
+use crate::scale::{REPORTED_SEED, Scale};
+use crate::stage::{Parts, Work};
 use dermis::stats::mean;
-use dermis_sim::dataset::Generator;
+use dermis_sim::dataset::{Generator, Recipe};
 use dermis_sim::evaluate::{Benchmark, BenchmarkResult, CalibrationRun};
+use dermis_study::Result;
+use dermis_study::comparison::Named;
+use dermis_study::metrics::{benchmark_frames, figures};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::path::Path;
 
+/// The distribution of the Gaussian touches on which the paper's network was trained.
+const GAUSSIAN: &str = include_str!("../../../dermis-study/recipes/gaussian.toml");
 /// Seed of fresh Gaussian touches, separate from those of training and test.
 const EXPLAINED_SEED: u64 = 3002;
 
 /// The figures of one method on one twin; `None` if a figure does not exist.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct TwinFigures {
+pub(crate) struct TwinFigures {
     /// The twin's seed.
     pub seed: u64,
     /// Every figure of [`figures`] by its key, SI units.
@@ -46,7 +47,7 @@ impl TwinFigures {
 
 /// The results of one method on all reported twins.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(super) struct Benchmarked {
+pub(crate) struct Benchmarked {
     /// The method's identifier.
     pub key: String,
     /// The method's name in tables and pictures.
@@ -61,7 +62,7 @@ pub(super) struct Benchmarked {
 
 impl Benchmarked {
     /// Benchmarks a method on the reported twins, or reads saved results.
-    pub(super) fn make(
+    pub(crate) fn make(
         bench: &Bench<'_>,
         method: &Named,
         scale: Scale,
@@ -94,14 +95,14 @@ impl Benchmarked {
     }
 
     /// A figure by its key: its mean over the twins and the worst twin, SI units; `NaN` if a twin has none.
-    pub(super) fn figure(&self, key: &str) -> [f64; 2] {
+    pub(crate) fn figure(&self, key: &str) -> [f64; 2] {
         let figure = figures().find(|figure| figure.key == key).expect("a figure of the list");
         let values: Vec<f64> = self.twins.iter().map(|twin| twin.value(key)).collect();
         [mean(&values), figure.worst(&values)]
     }
 
     /// The mean over the twins of the fraction of resolved pairs, by their distance (m).
-    pub(super) fn two_resolved(&self) -> Vec<[f64; 2]> {
+    pub(crate) fn two_resolved(&self) -> Vec<[f64; 2]> {
         let Some(first) = self.twins.first() else { return Vec::new() };
         let at = |distance_m: f64| {
             let same = |step: &&(f64, f64)| (step.0 - distance_m).abs() < 1e-9;
@@ -117,7 +118,7 @@ impl Benchmarked {
 /// that do not support such touches.
 fn unexplained(bench: &Bench<'_>, method: &Named, scale: Scale) -> Result<Option<f64>> {
     let samples = scale.explained();
-    let recipe = gaussian_recipe(EXPLAINED_SEED, samples)?;
+    let recipe = Recipe::parse(GAUSSIAN, Path::new("gaussian.toml"), EXPLAINED_SEED, samples)?;
     if recipe.check(bench.skin.design().sheet.touch).is_err() {
         return Ok(None);
     }

@@ -1,19 +1,19 @@
 //! All results of a reproduction, for the page and for report.json.
 
-use super::bench::Bench;
-use super::benchmarked::Benchmarked;
-use super::bias::Structure;
-use super::choose::Choice;
-use super::controls::Control;
-use super::gallery::Gallery;
-use super::scale::{CHOOSING_SEED, REPORTED_SEED, Scale};
-use super::stage::Done;
-use super::stated::{Row, facts, results};
-use crate::comparison::Named;
+use crate::bench::Bench;
+use crate::benchmarked::Benchmarked;
+use crate::bias::Structure;
+use crate::choose::Choice;
+use crate::controls::Control;
+use crate::gallery::Gallery;
+use crate::scale::{CHOOSING_SEED, REPORTED_SEED, Scale};
+use crate::stage::Done;
+use crate::stated::{Row, facts, results};
+use dermis_study::comparison::Named;
 use serde::Serialize;
 
 /// All results of a reproduction.
-pub(super) struct Results<'a> {
+pub(crate) struct Results<'a> {
     /// Its scale.
     pub scale: Scale,
     /// The skin and its twins.
@@ -31,7 +31,7 @@ pub(super) struct Results<'a> {
 }
 
 /// The design under study and its controls.
-pub(super) struct StructureStudy {
+pub(crate) struct StructureStudy {
     /// The designs; the first is the design under study.
     pub designs: Vec<Control>,
     /// The angle of the cut, rad.
@@ -42,19 +42,19 @@ pub(super) struct StructureStudy {
 
 impl StructureStudy {
     /// Results of a method on a design.
-    pub(super) fn of(&self, design: &str, method: &str) -> Option<&Structure> {
+    pub(crate) fn of(&self, design: &str, method: &str) -> Option<&Structure> {
         self.structures.iter().find(|structure| structure.design == design && structure.method == method)
     }
 }
 
 impl Results<'_> {
     /// The linear methods.
-    pub(super) fn linear(&self) -> impl Iterator<Item = &Benchmarked> {
+    pub(crate) fn linear(&self) -> impl Iterator<Item = &Benchmarked> {
         self.assessed.iter().filter(|assessed| assessed.alpha.is_some())
     }
 
     /// The reported twins as text: "2 twins, seeds 1001 to 1002".
-    pub(super) fn twins(&self) -> String {
+    pub(crate) fn twins(&self) -> String {
         match self.scale.twins() {
             1 => format!("1 twin, seed {REPORTED_SEED}"),
             count => format!("{count} twins, seeds {REPORTED_SEED} to {}", REPORTED_SEED + count - 1),
@@ -62,7 +62,7 @@ impl Results<'_> {
     }
 
     /// The numbers for report.json.
-    pub(super) fn summary(&self, stages: &[Done]) -> Summary<'_> {
+    pub(crate) fn summary(&self, stages: &[Done]) -> Summary<'_> {
         let size = self.scale.result();
         Summary {
             dermis: env!("CARGO_PKG_VERSION"),
@@ -90,7 +90,7 @@ impl Results<'_> {
 
 /// The contents of report.json.
 #[derive(Serialize)]
-pub(super) struct Summary<'a> {
+pub(crate) struct Summary<'a> {
     dermis: &'static str,
     simulated: bool,
     scale: Scale,

@@ -1,16 +1,16 @@
 //! The data of the pictures: one twin pressed on the grid, four simultaneous touches, a training sample.
 
-use super::bench::{Bench, Pressed};
-use super::scale::{REPORTED_SEED, Scale};
-use crate::comparison::{Named, Shown};
-use crate::plots::four_touches;
-use crate::{Error, Result};
+use crate::bench::{Bench, Pressed};
+use crate::scale::{REPORTED_SEED, Scale};
 use dermis::contact::Contact;
 use dermis::image::Image;
 use dermis::stats::upper_median;
 use dermis_sim::dataset::{GaussianTouches, Generator, Recipe, SampleTouch, Skins, Touch};
 use dermis_sim::experiment::Recording;
 use dermis_sim::twin::Press;
+use dermis_study::comparison::{Named, Shown};
+use dermis_study::plots::four_touches;
+use dermis_study::{Error, Result};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -23,7 +23,7 @@ const SAMPLE_SEED: u64 = 1;
 const SAMPLE_TOUCHES: usize = 3;
 
 /// The data of the pictures.
-pub(super) struct Gallery {
+pub(crate) struct Gallery {
     /// The first reported twin, pressed on the grid.
     pub pressed: Pressed,
     /// The results of each method.
@@ -37,7 +37,7 @@ pub(super) struct Gallery {
 }
 
 /// A training sample.
-pub(super) struct TrainingSample {
+pub(crate) struct TrainingSample {
     /// The frame minus the untouched one, ohm.
     pub difference: Vec<f64>,
     /// The relative change of conductance.
@@ -48,7 +48,7 @@ pub(super) struct TrainingSample {
 
 impl Gallery {
     /// Presses the first reported twin.
-    pub(super) fn make(bench: &Bench<'_>, methods: &[Named], scale: Scale) -> Result<Self> {
+    pub(crate) fn make(bench: &Bench<'_>, methods: &[Named], scale: Scale) -> Result<Self> {
         let mut presses = bench.presses(REPORTED_SEED).on_grid(scale.grid_step()).presses;
         let tip_radius_m = bench.twin.press.tip_radius_m;
         let press = |touch: &Contact| Press { centre_m: touch.position_m, force_n: touch.force_n, tip_radius_m };
