@@ -354,7 +354,7 @@ fn how_it_was_made(report: &mut Report, found: &Results<'_>, stages: &[Done]) {
         Scale::Paper => "paper",
     };
     report.code(&format!(
-        "dermis reproduce {} --twin {} --scale {scale} -o report",
+        "cargo run --release -p paper-study -- {} --twin {} --scale {scale} -o report",
         found.bench.skin.design().name,
         found.bench.twin.name
     ));
