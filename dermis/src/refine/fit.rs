@@ -2,6 +2,7 @@
 
 use super::RefineOptions;
 use super::form::{Density, Form};
+use super::free_form::FreeForm;
 use super::places::Place;
 use super::responses::{COLUMNS, Response, Responses};
 use crate::estimate::least_squares::{Control, Equations, LeastSquares, Normal, Steps, minimise};
@@ -13,7 +14,7 @@ use std::f64::consts::{PI, TAU};
 pub(super) const UNKNOWNS: usize = 8;
 /// The unit of each unknown: m, the logarithm of the width, m, the logarithm of the strength, a share. A step of one unit is
 /// about as important for each.
-const UNITS: [f64; UNKNOWNS] = [1e-3, 1e-3, 0.2, 2e-3, 2e-3, 0.2, 0.2, 0.2];
+pub(super) const UNITS: [f64; UNKNOWNS] = [1e-3, 1e-3, 0.2, 2e-3, 2e-3, 0.2, 0.2, 0.2];
 /// The longest step of each unknown, in its unit: the responses are nearly linear over it.
 const LONGEST: [f64; UNKNOWNS] = [5.0, 5.0, 2.0, 4.0, 4.0, 4.0, 2.0, 2.0];
 /// From contacts that are a few millimetres off, six steps are usually enough. A step shorter than 20 um is the last one.
@@ -30,13 +31,13 @@ const FREEDOM: f64 = 0.2;
 /// Below this variance by misfit, over that of noise, the variance of a value is as good as known.
 const NO_MISFIT: f64 = 1e-6;
 /// Two touches nearer than this may be one, m: two segments of half of it.
-const JOINED_M: f64 = 0.05;
+pub(super) const JOINED_M: f64 = 0.05;
 /// A segment longer than this may be two touches, m.
-const SPLIT_M: f64 = 8e-3;
+pub(super) const SPLIT_M: f64 = 8e-3;
 /// Changes of the number of touches, which are as many as a frame may need.
 const MAX_CHANGES: usize = 32;
 /// A touch is at most this many times as wide as usual, and at least one over this.
-const WIDEST: f64 = 4.0;
+pub(super) const WIDEST: f64 = 4.0;
 /// The 95 % quantile of the absolute value of Student's distribution of one degree of freedom, over that of a normal one.
 const WIDTH_TAIL: f64 = 12.706 / 1.960;
 /// Places at which one more touch is tried.
@@ -78,8 +79,8 @@ impl Touch {
 #[derive(Debug, Clone)]
 pub(super) struct State {
     pub touches: Vec<Touch>,
-    responses: Vec<Response>,
-    residuals: Vec<f64>,
+    pub responses: Vec<Response>,
+    pub residuals: Vec<f64>,
     cost: f64,
 }
 
@@ -92,6 +93,10 @@ pub(super) struct Fitted {
     covariance: Matrix,
     /// Twice the negative logarithm of the probability of the frame and these touches, up to a constant.
     pub evidence: f64,
+    /// By touch, what it is as a touch of any form, where it may be one.
+    pub free: Vec<Option<FreeForm>>,
+    /// By touch, the probability that it is one of its own, and no part of a touch of any form with those near it.
+    pub apart: Vec<f64>,
 }
 
 /// The data of a fit.
@@ -117,8 +122,7 @@ impl LeastSquares for Fit<'_> {
     }
 
     fn equations(&self, state: &State) -> Result<Normal, NotPositiveDefinite> {
-        // Of Student's distribution: its second derivative where the unknown is zero, and less beyond.
-        Ok(self.normal(state, |scale, dimensions, square| (1.0 + dimensions) / (scale * scale + square)))
+        Ok(self.stepped(state))
     }
 
     fn limit(&self, _: &State, step: &mut [f64]) {
@@ -149,7 +153,7 @@ impl LeastSquares for Fit<'_> {
 
 impl Fit<'_> {
     /// What some touches leave.
-    fn state(&self, touches: Vec<Touch>) -> State {
+    pub(super) fn state(&self, touches: Vec<Touch>) -> State {
         let responses = self.responses_of(&touches);
         self.with(touches, responses)
     }
@@ -159,7 +163,7 @@ impl Fit<'_> {
     }
 
     /// The same with the responses of the touches.
-    fn with(&self, touches: Vec<Touch>, responses: Vec<Response>) -> State {
+    pub(super) fn with(&self, touches: Vec<Touch>, responses: Vec<Response>) -> State {
         let mut residuals = self.values.to_vec();
         for (touch, response) in touches.iter().zip(&responses) {
             subtract(&mut residuals, touch, response);
@@ -170,7 +174,7 @@ impl Fit<'_> {
     }
 
     /// Usual touches at some places, with the strengths that explain the values best.
-    fn start(&self, mut touches: Vec<Touch>) -> Option<State> {
+    pub(super) fn start(&self, mut touches: Vec<Touch>) -> Option<State> {
         let responses = self.responses_of(&touches);
         let columns: Vec<&[f64]> = responses.iter().map(|response| response.columns[0].as_slice()).collect();
         let strengths = Normal::new(&columns, self.values).step(1e-6).ok()?;
@@ -197,7 +201,7 @@ impl Fit<'_> {
 
     /// Twice the negative logarithm of the prior of a touch over that at its mode: Student's distributions with one degree of
     /// freedom, `(1 + d) ln(1 + x^2 / s^2)` in `d` dimensions.
-    fn prior(&self, touch: &Touch) -> f64 {
+    pub(super) fn prior(&self, touch: &Touch) -> f64 {
         let of = |((_, [a, b]), (scale, dimensions)): ((usize, Point2), (f64, f64))| {
             (1.0 + dimensions) * ((a * a + b * b) / (scale * scale)).ln_1p()
         };
@@ -211,7 +215,7 @@ impl Fit<'_> {
 
     /// Twice the negative logarithm of the prior of a touch beside a number of others at its mode, less that of the constant of
     /// Laplace's approximation.
-    fn constant(&self, count: usize) -> f64 {
+    pub(super) fn constant(&self, count: usize) -> f64 {
         let [(width, _), (length, _), (uneven, _)] = self.scales();
         let area = self.responses.area_m2() / (UNITS[0] * UNITS[1]);
         let volume = area * (STRENGTHS / UNITS[5]) * (PI * width) * (TAU * length * length) * (TAU * uneven * uneven);
@@ -221,7 +225,7 @@ impl Fit<'_> {
     /// Twice the negative logarithm of the likelihood of residuals with this sum of squares, up to a constant: Student's
     /// distribution. The variance of noise is known; that of the misfit is known before the frame as if from [`FREEDOM`] times
     /// as many other values, and the frame tells the rest (Gelman et al., 2013, "Bayesian Data Analysis", section 3.2).
-    fn cost_of(&self, square: f64) -> f64 {
+    pub(super) fn cost_of(&self, square: f64) -> f64 {
         self.freedom() * (square / self.prior_square()).ln_1p()
     }
 
@@ -241,8 +245,13 @@ impl Fit<'_> {
     }
 
     /// One over the variance of a value beside the residuals of a state: the slope of the cost, at most the weight of noise alone.
-    fn weight_at(&self, state: &State) -> f64 {
-        (self.freedom() / (self.prior_square() + state.sum_of_squares())).min(1.0)
+    pub(super) fn weight_at(&self, state: &State) -> f64 {
+        1.0 / self.variance_of(state.sum_of_squares())
+    }
+
+    /// The variance of a value by a sum of squares: at least that of noise.
+    pub(super) fn variance_of(&self, square: f64) -> f64 {
+        ((self.prior_square() + square) / self.freedom()).max(1.0)
     }
 
     /// The equations of a step, with the precision of a prior by its scale, dimensions and the square of the unknowns.
@@ -264,26 +273,33 @@ impl Fit<'_> {
         normal
     }
 
+    /// The equations of a step with the precisions of Student's distributions: their second derivatives where the unknown is zero,
+    /// and less beyond.
+    pub(super) fn stepped(&self, state: &State) -> Normal {
+        self.normal(state, |scale, dimensions, square| (1.0 + dimensions) / (scale * scale + square))
+    }
+
     /// The information about the unknowns: with the precisions of Gaussians that have the height of the priors. With them
     /// Laplace's approximation is exact for unknowns that the frame tells nothing about, too.
-    fn information(&self, state: &State) -> Matrix {
+    pub(super) fn information(&self, state: &State) -> Matrix {
         let of_height =
             |scale: f64, dimensions: f64, _: f64| if dimensions > 1.0 { 1.0 } else { 2.0 / PI } / (scale * scale);
         self.normal(state, of_height).matrix
     }
 
     /// The most probable touches near some.
-    fn fitted(&self, state: State) -> Option<Fitted> {
+    pub(super) fn fitted(&self, state: State) -> Option<Fitted> {
         let state = minimise(self, state, &STEPS).ok()?.point;
         let information = self.information(&state);
         let factor = Cholesky::determined(&information).ok()?;
         let evidence = self.evidence(&state, factor.log_determinant());
-        Some(Fitted { covariance: factor.inverse(), information, evidence, state })
+        let (free, apart) = (vec![None; state.touches.len()], vec![1.0; state.touches.len()]);
+        Some(Fitted { covariance: factor.inverse(), information, evidence, free, apart, state })
     }
 
     /// Twice the negative logarithm of the probability of the values and some touches, from the determinant of the information
     /// about their unknowns.
-    fn evidence(&self, state: &State, log_determinant: f64) -> f64 {
+    pub(super) fn evidence(&self, state: &State, log_determinant: f64) -> f64 {
         let constants: f64 = (0..state.touches.len()).map(|count| self.constant(count)).sum();
         state.cost + log_determinant + constants
     }
@@ -292,7 +308,8 @@ impl Fit<'_> {
     fn untouched(&self) -> Fitted {
         let state = self.state(Vec::new());
         let nothing = Matrix::zeros(0, 0);
-        Fitted { evidence: state.cost, covariance: nothing.clone(), information: nothing, state }
+        let (free, apart) = (Vec::new(), Vec::new());
+        Fitted { evidence: state.cost, covariance: nothing.clone(), information: nothing, free, apart, state }
     }
 
     /// The most probable touches near those detected, and their most probable number.
@@ -308,7 +325,7 @@ impl Fit<'_> {
             let Some(better) = better else { break };
             best = better;
         }
-        best
+        self.of_any_form(best)
     }
 
     /// Some touches in place of others, of which the most probable of several choices, where that is more probable: first with
@@ -473,7 +490,8 @@ impl Fitted {
         let at = |i: usize, j: usize| self.covariance.at(first + i, first + j);
         let less = fit.less_of_width();
         let factor = less / (1.0 - less * at(2, 2));
-        let [a, b, c] = [(0, 0), (0, 1), (1, 1)].map(|(i, j)| unit * (at(i, j) + factor * at(i, 2) * at(j, 2)));
+        let of_capsule = || [(0, 0), (0, 1), (1, 1)].map(|(i, j)| unit * (at(i, j) + factor * at(i, 2) * at(j, 2)));
+        let [a, b, c] = self.free[index].as_ref().map_or_else(of_capsule, |free| free.mixed(of_capsule()));
         let grain = self.state.responses[index].grain_m2;
         [a + grain_m2 * grain[0], b + grain_m2 * grain[1], c + grain_m2 * grain[2]]
     }
@@ -503,7 +521,7 @@ fn definite([a, b]: Point2) -> Point2 {
 }
 
 /// The derivatives of the values by the unknowns of a touch, in their units.
-fn derivatives((touch, response): (&Touch, &Response)) -> [Vec<f64>; UNKNOWNS] {
+pub(super) fn derivatives((touch, response): (&Touch, &Response)) -> [Vec<f64>; UNKNOWNS] {
     const { assert!(COLUMNS == UNKNOWNS) };
     let strength = touch.log_strength.exp();
     let scaled = |column: &[f64], unknown: usize| -> Vec<f64> {
@@ -524,7 +542,7 @@ fn subtract(values: &mut [f64], touch: &Touch, response: &Response) {
 }
 
 /// Adds it again.
-fn restore(values: &mut [f64], touch: &Touch, response: &Response) {
+pub(super) fn restore(values: &mut [f64], touch: &Touch, response: &Response) {
     add(values, touch.log_strength.exp(), touch, response);
 }
 

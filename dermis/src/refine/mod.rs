@@ -18,7 +18,8 @@
 //! `f = 0.2 n (1 + n / (m^2 |W y|^2))`. Those of the logarithm of the width, the segment and the uneven tensor have one degree of
 //! freedom (`d` dimensions, scale `s`): most touches are round and even, some have any form.
 //! The number of touches is the most probable one, by Laplace's approximation of the probability of the frame (MacKay, 2003,
-//! "Information Theory, Inference, and Learning Algorithms", chapters 27 and 28).
+//! "Information Theory, Inference, and Learning Algorithms", chapters 27 and 28). Touches near each other become one where one of
+//! any inner form is more probable, with an amount of its own on each square of its area.
 //!
 //! ```
 //! use dermis::contact::Contact;
@@ -42,6 +43,7 @@
 mod cubes;
 mod fit;
 mod form;
+mod free_form;
 mod places;
 mod responses;
 #[cfg(test)]
@@ -78,6 +80,8 @@ pub struct RefineOptions {
     pub log_odds_further: f64,
     /// Edge of the squares whose conductance changes independently under a touch, m: of the contact itself, not of the model.
     pub grain_m: f64,
+    /// Edge of the squares on which a touch of any form changes the conductance by amounts of their own, m.
+    pub inner_form_m: f64,
     /// Standard deviation of the relative change of the whole coating's conductance since the untouched frames.
     pub coating_drift: f64,
     /// Standard deviation of the relative change of each contact impedance since the untouched frames.
@@ -95,6 +99,7 @@ impl Default for RefineOptions {
             log_odds: 6.0,
             log_odds_further: 4.0,
             grain_m: 3e-3,
+            inner_form_m: 15e-3,
             coating_drift: 0.01,
             contact_drift: 0.1,
         }
@@ -163,6 +168,7 @@ impl Refiner {
             ("width_ratio", options.width_ratio.ln()),
             ("length_m", options.length_m),
             ("unevenness", options.unevenness),
+            ("inner_form_m", options.inner_form_m),
         ];
         let others = [
             ("misfit", options.misfit),
@@ -272,10 +278,14 @@ impl Refiner {
         let shift_m = cut_off_m(wide_m, edge_m(touch.place.point_m));
         let beyond_m = if shift_m.is_finite() { shift_m / 3.0_f64.sqrt() * sd_m([1.0, 0.0, 0.0]) } else { 0.0 };
         let sd_m = sd_m(fitted.place_covariance_m2(index, fit)).hypot(beyond_m);
-        let is_there = 1.0 / (1.0 + (-0.5 * fitted.odds(index, fit)).exp());
+        let is_there = fitted.apart[index] / (1.0 + (-0.5 * fitted.odds(index, fit)).exp());
+        let place = match &fitted.free[index] {
+            Some(free) => self.responses.space().walk(&touch.place, free.mean_step()),
+            None => touch.place,
+        };
         Contact {
-            position_m: touch.place.point_m,
-            normal: touch.place.axes[2],
+            position_m: place.point_m,
+            normal: place.axes[2],
             strength: fitted.strength_m2(index, fit),
             // A rectangle with two half disks.
             area_m2: across * (4.0 * (along - across) + PI * across),

@@ -345,6 +345,20 @@ impl Responses {
         sums.into_iter().map(f64::from).collect()
     }
 
+    /// The change of the values by each square of a touch of unit strength, along the axes of its place.
+    pub(super) fn squares(&self, place: &Place, form: &Form, size_m: f64) -> Vec<Vec<f64>> {
+        let density = Density::new(form, self.usual_m);
+        let mut squares: BTreeMap<[i64; 2], Vec<f64>> = BTreeMap::new();
+        self.for_each_part(place, &density, |cell, offset| {
+            let [weight, ..] = density.at(offset);
+            let square = offset.map(|part| (part / size_m).round() as i64);
+            let change = squares.entry(square).or_insert_with(|| vec![0.0; self.count]);
+            let even = &self.table[cell * 3 * self.count..][..self.count];
+            change.iter_mut().zip(even).for_each(|(sum, value)| *sum += weight * f64::from(*value));
+        });
+        squares.into_values().collect()
+    }
+
     /// The cells that a touch reaches, with the offset of each from its centre.
     fn for_each_part(&self, place: &Place, density: &Density, mut part: impl FnMut(usize, Point2)) {
         let reach_m = density.reach_m();

@@ -171,6 +171,34 @@ fn a_contact_of_two_touches_is_split() {
 }
 
 /// Between two touches 30 mm apart a third contact is left out.
+/// The rim of a cup, of touches side by side: no capsule and no two have its form. Two balls as far apart stay two.
+#[test]
+fn a_ring_is_one_contact_and_two_balls_are_two() {
+    let (design, refiner) = refiner(2.0, RefineOptions::default());
+    let surface = design.body.surface();
+    let middle = surface.at(0.15, 1.0).unwrap();
+    let along = |count: usize| (0..count).map(move |k| std::f64::consts::TAU * k as f64 / count as f64);
+    let found = |angles: Vec<f64>, radius_m: f64, detected: &[[f64; 2]]| {
+        let mut change = vec![0.0; design.protocol.channel_count()];
+        let count = angles.len() as f64;
+        for angle in angles {
+            let place = moved(&surface, middle, [radius_m * angle.cos(), radius_m * angle.sin()]);
+            change.iter_mut().zip(refiner.change(place, 4e-4 / count)).for_each(|(sum, one)| *sum += one);
+        }
+        let mut contacts: Vec<Contact> = detected.iter().map(|by| contact(moved(&surface, middle, *by))).collect();
+        refiner.refine(&change, &mut contacts);
+        contacts
+    };
+    for detected in [&[[3e-3, -2e-3]][..], &[[0.015, 0.0], [-0.015, 0.0]]] {
+        let ring = found(along(16).collect(), 0.02, detected);
+        let off_m: Vec<f64> = ring.iter().map(|one| surface.distance_m(one.position_m, middle)).collect();
+        println!("{off_m:?} m off, {:?} m", ring.iter().map(|one| one.sd_m).collect::<Vec<_>>());
+        assert!(ring.len() == 1 && off_m[0] < REGION_95_SD * ring[0].sd_m, "{ring:?}");
+    }
+    let two = found(along(2).collect(), 0.024, &[[0.022, 1e-3], [-0.025, 0.0]]);
+    assert!(two.len() == 2 && two.iter().all(|one| one.confidence > 0.9), "{two:?}");
+}
+
 #[test]
 fn a_contact_that_explains_nothing_is_left_out() {
     let noise_ohm = 0.06;
