@@ -163,7 +163,7 @@ impl Fit<'_> {
     }
 
     /// The same with the responses of the touches.
-    pub(super) fn with(&self, touches: Vec<Touch>, responses: Vec<Response>) -> State {
+    fn with(&self, touches: Vec<Touch>, responses: Vec<Response>) -> State {
         let mut residuals = self.values.to_vec();
         for (touch, response) in touches.iter().zip(&responses) {
             subtract(&mut residuals, touch, response);
@@ -299,7 +299,7 @@ impl Fit<'_> {
 
     /// Twice the negative logarithm of the probability of the values and some touches, from the determinant of the information
     /// about their unknowns.
-    pub(super) fn evidence(&self, state: &State, log_determinant: f64) -> f64 {
+    fn evidence(&self, state: &State, log_determinant: f64) -> f64 {
         let constants: f64 = (0..state.touches.len()).map(|count| self.constant(count)).sum();
         state.cost + log_determinant + constants
     }
@@ -328,26 +328,40 @@ impl Fit<'_> {
         self.of_any_form(best)
     }
 
+    /// The values of some touches of a state, and the number of the others.
+    pub(super) fn part(&self, state: &State, chosen: &[usize]) -> (Vec<f64>, usize) {
+        let mut own = state.residuals.clone();
+        for &index in chosen {
+            restore(&mut own, &state.touches[index], &state.responses[index]);
+        }
+        (own, self.others + state.touches.len() - chosen.len())
+    }
+
+    /// Some touches of another state as those of this fit.
+    pub(super) fn chosen(&self, state: &State, chosen: &[usize]) -> State {
+        let of = |index: &usize| (state.touches[*index], state.responses[*index].clone());
+        let (touches, responses) = chosen.iter().map(of).unzip();
+        self.with(touches, responses)
+    }
+
+    /// The evidence of a state where it is.
+    pub(super) fn as_it_is(&self, state: &State) -> Option<f64> {
+        let factor = Cholesky::determined(&self.information(state)).ok()?;
+        Some(self.evidence(state, factor.log_determinant()))
+    }
+
     /// Some touches in place of others, of which the most probable of several choices, where that is more probable: first with
     /// the other touches as they are.
     fn changed(&self, from: &Fitted, removed: &[usize], choices: Vec<Vec<Touch>>) -> Option<Fitted> {
         let state = &from.state;
-        let mut own = state.residuals.clone();
-        for &index in removed {
-            restore(&mut own, &state.touches[index], &state.responses[index]);
-        }
-        let others = self.others + state.touches.len() - removed.len();
+        let (own, others) = self.part(state, removed);
         let local = Fit { values: &own, others, ..*self };
         let fits = choices.into_iter().filter_map(|touches| local.fitted(local.start(touches)?));
         let new = fits.min_by(|a, b| a.evidence.total_cmp(&b.evidence));
-        if let Some(new) = &new {
-            let of = |index: &usize| (state.touches[*index], state.responses[*index].clone());
-            let (touches, responses) = removed.iter().map(of).unzip();
-            let old = local.with(touches, responses);
-            let factor = Cholesky::determined(&local.information(&old)).ok()?;
-            if new.evidence >= self.evidence(&old, factor.log_determinant()) {
-                return None;
-            }
+        if let Some(new) = &new
+            && new.evidence >= self.as_it_is(&local.chosen(state, removed))?
+        {
+            return None;
         }
         let is_kept = |index: &usize| !removed.contains(index);
         let kept = (0..state.touches.len()).filter(is_kept).map(|index| state.touches[index]);
@@ -542,7 +556,7 @@ fn subtract(values: &mut [f64], touch: &Touch, response: &Response) {
 }
 
 /// Adds it again.
-pub(super) fn restore(values: &mut [f64], touch: &Touch, response: &Response) {
+fn restore(values: &mut [f64], touch: &Touch, response: &Response) {
     add(values, touch.log_strength.exp(), touch, response);
 }
 

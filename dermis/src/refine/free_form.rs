@@ -11,7 +11,7 @@
 //! Williams, 2006, "Gaussian Processes for Machine Learning", A.3). The place of the touch is that of the capsule, which is known
 //! less well beside squares of any amount.
 
-use super::fit::{Fit, Fitted, JOINED_M, SPLIT_M, State, Touch, UNITS, WIDEST, derivatives, restore};
+use super::fit::{Fit, Fitted, JOINED_M, SPLIT_M, State, Touch, UNITS, WIDEST, derivatives};
 use super::form::{Density, Form};
 use crate::estimate::least_squares::LeastSquares;
 use crate::geom::Point2;
@@ -173,15 +173,10 @@ impl Fit<'_> {
         {
             return None;
         }
-        let mut own = state.residuals.clone();
-        for &index in group {
-            restore(&mut own, &state.touches[index], &state.responses[index]);
-        }
-        let others = self.others + state.touches.len() - group.len();
+        let (own, others) = self.part(state, group);
         let local = Fit { values: &own, others, ..*self };
-        let responses = group.iter().map(|&index| state.responses[index].clone()).collect();
-        let old = local.with(parts.clone(), responses);
-        let before = local.evidence(&old, Cholesky::determined(&local.information(&old)).ok()?.log_determinant());
+        let old = local.chosen(state, group);
+        let before = local.as_it_is(&old)?;
         let mut starts = vec![old];
         if parts.len() > 1 {
             let start = local.start(vec![self.moments(&parts)])?;
