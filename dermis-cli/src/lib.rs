@@ -31,6 +31,7 @@ mod source;
 mod twin;
 mod used;
 
+pub use console::Verbosity;
 pub use described::{DescribedArgument, DescribedCommand};
 pub use failure::CommandError;
 
@@ -57,7 +58,7 @@ From Python: `pip install ./dermis-python`, then `import dermis`."
 )]
 struct Arguments {
     #[command(flatten)]
-    verbosity: console::Verbosity,
+    verbosity: Verbosity,
     #[command(subcommand)]
     command: command::Command,
 }
@@ -123,16 +124,24 @@ pub fn try_run(arguments: impl IntoIterator<Item = OsString>) -> Result<(), Comm
 }
 
 /// Runs a study: shows its progress, prints its result or its error as a command does, and returns the exit code.
-pub fn run_study(study: impl FnOnce(&dyn dermis_study::Progress) -> dermis_study::Result<String>) -> u8 {
-    let text = study(&console::StudyProgress).map_err(failure::Failure::from);
-    text.and_then(|text| console::print(&text)).map_or_else(failure::Failure::report, |()| 0)
+pub fn run_study(
+    verbosity: Verbosity,
+    study: impl FnOnce(&dyn dermis_study::Progress) -> dermis_study::Result<String>,
+) -> u8 {
+    guarded(verbosity, || console::print(&study(&console::StudyProgress)?))
+        .map_or_else(failure::Failure::report, |()| 0)
 }
 
-/// Runs the command. A panic is a bug: an internal error, in whichever thread it was.
+/// Runs the command.
 fn finish(arguments: Arguments) -> failure::Outcome {
-    arguments.verbosity.begin();
+    guarded(arguments.verbosity, || arguments.command.run())
+}
+
+/// Runs something with a verbosity. A panic is a bug: an internal error, in whichever thread it was.
+fn guarded(verbosity: Verbosity, run: impl FnOnce() -> failure::Outcome) -> failure::Outcome {
+    verbosity.begin();
     let before = failure::watch_panics();
-    match std::panic::catch_unwind(|| arguments.command.run()) {
+    match std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)) {
         Ok(Ok(())) if failure::panics() == before => Ok(()),
         Ok(Err(failure)) => Err(failure),
         Ok(Ok(())) | Err(_) => Err(failure::panicked()),

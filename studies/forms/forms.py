@@ -29,18 +29,22 @@ def ball(skin, z, theta, sd):
     return np.exp(-(along**2 + around**2) / (2 * sd**2))
 
 
+def turned(skin, z, theta, angle):
+    """The offsets of the nodes from a place along a direction and across it, m."""
+    along, around = skin.offsets(z, theta)
+    return np.cos(angle) * along + np.sin(angle) * around, np.cos(angle) * around - np.sin(angle) * along
+
+
 def bar(skin, z, theta, half_length, angle, sd=0.003, ends=1.0):
     """An edge; `ends` is the pressure at its ends over the mean."""
-    along, around = skin.offsets(z, theta)
-    u, v = np.cos(angle) * along + np.sin(angle) * around, np.cos(angle) * around - np.sin(angle) * along
+    u, v = turned(skin, z, theta, angle)
     part = np.abs(u) / half_length
     inside = 1 / (1 + np.exp((np.abs(u) - half_length) / 0.0015))
     return np.exp(-(v**2) / (2 * sd**2)) * inside * (1 + (ends - 1) * (2 * part - 1))
 
 
 def palm(skin, z, theta, half_length, half_width, angle):
-    along, around = skin.offsets(z, theta)
-    u, v = np.cos(angle) * along + np.sin(angle) * around, np.cos(angle) * around - np.sin(angle) * along
+    u, v = turned(skin, z, theta, angle)
     part = np.hypot(u / half_length, v / half_width)
     inside = 1 / (1 + np.exp((part - 1) * min(half_length, half_width) / 0.0015))
     return inside * np.sqrt(np.maximum(0.05, 1 - np.minimum(part, 1) ** 2))
@@ -54,11 +58,11 @@ def ring(skin, z, theta, radius, sd=0.003):
 def corner(skin, z, theta, leg, angle):
     """Two edges that meet at a right angle; the place is the middle of both."""
     total = 0
-    for turned in (angle, angle + np.pi / 2):
-        u = np.array([np.cos(turned), np.sin(turned)]) - 0.5 * np.array(
+    for leg_angle in (angle, angle + np.pi / 2):
+        u = np.array([np.cos(leg_angle), np.sin(leg_angle)]) - 0.5 * np.array(
             [np.cos(angle) - np.sin(angle), np.sin(angle) + np.cos(angle)]
         )
-        total = total + bar(skin, z + leg / 2 * u[0], theta + leg / 2 * u[1] / RADIUS, leg / 2, turned)
+        total = total + bar(skin, z + leg / 2 * u[0], theta + leg / 2 * u[1] / RADIUS, leg / 2, leg_angle)
     return total
 
 

@@ -25,6 +25,8 @@ use std::process::ExitCode;
 #[command(after_help = "Results are kept in the folder `work` beside the page: a run that was stopped continues from \
     them when it is started again.")]
 struct Arguments {
+    #[command(flatten)]
+    verbosity: dermis_cli::Verbosity,
     /// Design: the path of a file, or a shipped name.
     #[arg(default_value = "cylinder30")]
     design: String,
@@ -48,7 +50,7 @@ struct Arguments {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    dermis_cli::run_study(|progress| {
+    dermis_cli::run_study(arguments.verbosity, |progress| {
         let output = arguments.run(progress)?;
         Ok(if arguments.json { output.json } else { output.text })
     })

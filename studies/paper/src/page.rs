@@ -5,6 +5,7 @@ use crate::results::{Results, StructureStudy};
 use crate::scale::{CHOOSING_SEED, Scale};
 use crate::stage::{Done, time};
 use crate::stated::{facts, results, table};
+use clap::ValueEnum;
 use dermis::text::counted;
 use dermis_learn::{Card, Epoch};
 use dermis_plot::Picture;
@@ -348,15 +349,12 @@ fn how_it_was_made(report: &mut Report, found: &Results<'_>, stages: &[Done]) {
         counted(found.scale.choosing_twins(), "twin"),
         dermis_sim::experiment::UNTOUCHED_FRAMES
     ));
-    let scale = match found.scale {
-        Scale::Glance => "glance",
-        Scale::Quick => "quick",
-        Scale::Paper => "paper",
-    };
+    let scale = found.scale.to_possible_value().expect("no scale is hidden");
     report.code(&format!(
-        "cargo run --release -p paper-study -- {} --twin {} --scale {scale} -o report",
+        "cargo run --release -p paper-study -- {} --twin {} --scale {} -o report",
         found.bench.skin.design().name,
-        found.bench.twin.name
+        found.bench.twin.name,
+        scale.get_name()
     ));
     let mut table = Table::new(&["stage", "time"]);
     for stage in stages {
