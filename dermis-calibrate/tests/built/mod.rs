@@ -32,6 +32,9 @@ const RADIUS: [f64; 2] = [3.5 / 4.0, 4.7 / 4.0];
 const CONTACT: [f64; 2] = [0.1, 10.0];
 const DIAMETER: [f64; 2] = [0.99, 1.01];
 const COAT_RMS: f64 = 0.3;
+/// One in so many of them is computed on a mesh of this edge everywhere, m.
+const FINE: u64 = 20;
+const FINE_EDGE_M: f64 = 1e-3;
 /// The kinds of faults, and none: `varied` is sound, in `late` frames every value or every drive is in the place of another.
 pub const KINDS: [&str; 8] = ["sound", "varied", "open", "short", "exchanged", "reference", "cut", "late"];
 
@@ -92,6 +95,10 @@ pub fn frames(twin: &str, design: &SkinDesign, kind: &'static str, seed: u64) ->
     options.faults = case.faults.clone();
     if kind == "varied" {
         vary(&mut built, &mut options, &mut rng);
+        if seed.is_multiple_of(FINE) {
+            (built.mesh.max_edge_m, built.mesh.electrode_edge_m) = (FINE_EDGE_M, FINE_EDGE_M);
+            options.mesh_scale = 1.0;
+        }
     }
     // The fabric does not touch an untouched skin: the frames are the same without it, and are computed faster.
     options.touch = TwinOptions::shipped("ideal").expect("a shipped twin").touch;

@@ -3,6 +3,9 @@
 use crate::rows::bench::{Bench, lab, place, stroke};
 use crate::rows::gaps::until;
 use dermis::pipeline::{InvalidReason, PipelineFrame, Settings, Validity};
+use dermis::stats::rms;
+use dermis_sim::random::{sample_rng, standard_normal};
+use rand::RngExt;
 
 /// Asserts that frames say that nothing touches.
 fn assert_untouched(frames: &[PipelineFrame]) {
@@ -39,4 +42,40 @@ fn an_offset_of_all_values_is_no_touch_and_ends() {
     until(&mut bench, 3.3);
     assert_untouched(&until(&mut bench, 4.0));
     assert_eq!(until(&mut bench, 4.5).last().unwrap().contacts.len(), 1);
+}
+
+/// Spikes of some size on all values of one drive, or on as many others, for some frames: nothing is sure to touch.
+#[test]
+fn spikes_are_no_certain_contacts() {
+    let mut bench = Bench::new(lab(), 67, Vec::new(), Settings::default());
+    let mut rng = sample_rng(67, 0);
+    for (is_of_drive, size, spiked) in [true, false]
+        .into_iter()
+        .flat_map(|of| [0.03, 0.3].map(|size| (of, size)))
+        .flat_map(|(of, size)| [1, 2, 5].map(|frames| (of, size, frames)))
+    {
+        let mut confidences = Vec::new();
+        for _ in 0..5 {
+            let first = rng.random_range(0..30) * 29;
+            let channels: Vec<usize> = (first..first + 29)
+                .map(|channel| if is_of_drive { channel } else { rng.random_range(0..870) })
+                .collect();
+            for index in 0..40 {
+                let frame = bench.changed(|values| {
+                    if index < spiked {
+                        let size = size * rms(values.iter().copied());
+                        channels.iter().for_each(|&channel| values[channel] += size * standard_normal(&mut rng));
+                    }
+                });
+                bench.rebuild();
+                confidences.extend(frame.contacts.iter().map(|contact| contact.contact.confidence));
+            }
+        }
+        let most = confidences.iter().copied().fold(0.0, f64::max);
+        println!(
+            "spikes of {size} for {spiked} frames, of one drive: {is_of_drive}: {} contacts of {most:.2} at most",
+            confidences.len()
+        );
+        assert!(most <= 0.5 && (spiked > 1 || confidences.is_empty()), "{size}, {spiked}, {is_of_drive}");
+    }
 }

@@ -18,7 +18,7 @@ pub use forces::Forces;
 pub use noise::ImageNoise;
 pub use spread::{Circumstances, Factor, Misplacement, PositionSpread, blur_share};
 
-use crate::contact::{ConductanceChange, Contact, GATE_M};
+use crate::contact::{ConductanceChange, Contact, DOUBT, GATE_M};
 use crate::estimate::spikes::SpikeFilter;
 use crate::geom::Surface;
 use crate::geom::vector::{Point3, dot, normalize, scale, sub};
@@ -114,9 +114,6 @@ const BLUR_ERROR: f64 = 0.1;
 /// The depth of a side lobe over the height of its touch, at most. Of NOSER: 0.11 to 0.38 in 240 presses on `cylinder30`
 /// with objects of many shapes, 0.2 for metal in a tank; 0.62 to 1.01 for metal with plastic.
 const MAX_SIDE_LOBE: f64 = 0.5;
-
-/// The confidence of a certain contact where the noise is not known.
-const DOUBT: f64 = 0.5;
 
 /// Finds contacts in images whose noise is known, or estimated from each image.
 #[derive(Debug, Clone, Default)]

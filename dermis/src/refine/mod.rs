@@ -49,7 +49,7 @@ mod responses;
 #[cfg(test)]
 mod tests;
 
-use crate::contact::{Contact, GATE_M};
+use crate::contact::{Contact, DOUBT, GATE_M};
 use crate::design::Body;
 use crate::forward::{ForwardError, ForwardModel};
 use crate::geom::Point3;
@@ -138,7 +138,7 @@ pub enum RefineError {
 }
 
 /// Touches that leave more than this part of a frame's change, and more than noise and misfit, are not what changed it: contacts
-/// are then kept as they were detected.
+/// are then kept as they were detected, with [half](DOUBT) of their confidence.
 const MAX_LEFT: f64 = 0.5;
 /// Fewer values than this per unknown of the fit do not determine the contacts of a frame.
 const VALUES_PER_UNKNOWN: usize = 4;
@@ -211,7 +211,8 @@ impl Refiner {
     ///
     /// Contacts that are more probably one become one, one that is more probably two becomes two, one that is more probably
     /// none is removed, and touches that were not detected are added, at the end of the list, with ids that no detected contact
-    /// has. Where touches explain less than half of the change, or none is probable, the contacts are kept as they were detected.
+    /// has. Where touches explain less than half of the change, or none is probable, the contacts are kept as they were detected,
+    /// with half of their confidence.
     ///
     /// # Panics
     /// If the difference has another length than the protocol.
@@ -246,6 +247,7 @@ impl Refiner {
         let residuals = fitted.state.sum_of_squares();
         let is_unexplained = residuals > (1.0 + misfit) * count && residuals > MAX_LEFT * square;
         if !contacts.is_empty() && (is_unexplained || fitted.state.touches.is_empty()) {
+            contacts.iter_mut().for_each(|contact| contact.confidence *= DOUBT);
             return;
         }
         let next_id = contacts.iter().map(|contact| contact.id).max().map_or(0, |id| id + 1);
