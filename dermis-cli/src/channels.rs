@@ -32,6 +32,11 @@ impl LeaveOutArguments {
     /// The numbers of the channels of a protocol that are left out.
     pub fn of(&self, protocol: &Protocol) -> Outcome<Vec<usize>> {
         let electrodes = self.electrodes.of(protocol)?;
+        if let Some(channel) = self.leave_out.0.iter().find(|&&channel| channel >= protocol.channel_count()) {
+            let message =
+                format!("--leave-out {channel}: frames have the channels 0 to {}", protocol.channel_count() - 1);
+            return Err(Failure::given(message, Some("channels are numbered from 0")));
+        }
         let uses = |channel: &usize| electrodes.iter().any(|&electrode| protocol.channels()[*channel].uses(electrode));
         let mut channels = self.leave_out.0.clone();
         channels.extend((0..protocol.channel_count()).filter(uses));

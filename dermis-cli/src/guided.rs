@@ -372,7 +372,8 @@ impl Guided {
         format!(
             "{taken} of {}, {:.0} % of the skin covered{}",
             counted(planned, "press"),
-            1e2 * self.coverage,
+            // A part of no area is -0.
+            1e2 * self.coverage.max(0.0) + 0.0,
             error.unwrap_or_default()
         )
     }

@@ -108,7 +108,8 @@ impl DetectArguments {
         if others as f64 > FEW_OTHERS * differences.len() as f64 {
             warn(&format!(
                 "in {others} of {} a change of the other sign is more than half as strong as any touch: contacts may be its \
-                 side lobes. --both-signs looks for changes of both signs",
+                 side lobes. --both-signs looks for changes of both signs. If nothing but touches changes the skin, check that the \
+                 differences are in ohm, not relative, with the signs of the design: `sheet.touch`, `protocol.amplitude_only`",
                 counted(differences.len(), "frame")
             ));
         }

@@ -57,6 +57,24 @@ fn voltages_are_divided_by_the_measured_currents() {
     assert!(at.refused(&format!("{run} seven.csv")).contains("seven.csv"));
 }
 
+/// What a command reads is not overwritten by its result.
+#[test]
+fn an_output_that_is_an_input_is_refused() {
+    let at = recorded();
+    let before = std::fs::read(at.path("ohm.csv")).unwrap();
+    for command in [
+        "forward disk.toml -o disk.toml",
+        "forward disk.toml -o ./disk.toml",
+        "contacts disk.toml --frames ohm.csv --baseline rest.csv --output=ohm.csv",
+        "reconstruct disk.toml --frames ohm.csv --baseline rest.csv -o rest.csv",
+    ] {
+        let error = at.refused(command);
+        assert!(error.contains("it would be lost") && error.contains("Choose another name"), "{error}");
+    }
+    assert_eq!(std::fs::read(at.path("ohm.csv")).unwrap(), before);
+    at.good("forward disk.toml -o rest.csv");
+}
+
 /// 29 of 870 channels have a spike of 20 times the noise in each frame.
 #[test]
 fn spikes_of_single_channels_are_no_certain_contacts() {

@@ -209,6 +209,8 @@ fn recordings_are_replayed_recovered_and_made_tables() {
     assert!((1..frames).contains(&cut["frames"].as_u64().unwrap()));
     assert!(contacts.starts_with(&at.good("replay mended.mcap --contacts")));
     assert!(at.good("convert cut.mcap -o cut").contains("cut"));
+    let replayed = at.run("replay cut.mcap --summary");
+    assert!(replayed.status.success() && String::from_utf8_lossy(&replayed.stderr).contains("cut.mcap ends early"));
     assert_eq!(std::fs::read(at.path("cut.mcap")).unwrap(), &bytes[..bytes.len() / 2], "the original stays");
 
     at.write("frames.mcap", "sequence,measured_s\n");

@@ -123,7 +123,7 @@ fn overloaded(method: &str, time: Duration) -> (u64, u64, Duration, u64) {
     let mut design = SkinDesign::shipped("cylinder30").unwrap();
     design.mesh = design.mesh.scaled(0.7);
     let skin = Skin::new(design.clone()).unwrap();
-    assert!(skin.model().mesh().cell_count() > 20_000);
+    assert!(skin.mesh().cell_count() > 20_000);
     let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin, Some(method)).unwrap());
     let twin = TwinOptions::shipped("ideal").unwrap();
     let script = Script::load("press", &design, &twin, 42).unwrap();

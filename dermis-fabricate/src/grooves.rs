@@ -65,9 +65,13 @@ fn skyline(channels: &[Channel], half_m: f64, low_m: f64) -> Outline {
     Outline::Polygon(corners)
 }
 
+/// Share of a channel's room that wires may fill: they do not lie straight, and insulation is thicker by up to a tenth than
+/// its data sheet says.
+const FILLED: f64 = 0.8;
+
 /// The largest outer diameter that wires in the channels can have, m, and how many lie in one; `None` without channels.
 ///
-/// They lie beside one another, and pass below the pins, which reach into half of the depth.
+/// They lie beside one another, and pass below the joints of the pins, which take half of the depth.
 pub(crate) fn wires(fabrication: &Fabrication) -> Option<(f64, usize)> {
     let options = &fabrication.options;
     if options.channel_depth_m == 0.0 {
@@ -86,7 +90,7 @@ pub(crate) fn wires(fabrication: &Fabrication) -> Option<(f64, usize)> {
     let most = counted.iter().map(|(_, count)| *count).max()?;
     let deep_m = if most > 1 { 0.5 * options.channel_depth_m } else { options.channel_depth_m };
     let beside_m = counted.iter().map(|&(wide_m, count)| wide_m / count as f64).fold(f64::INFINITY, f64::min);
-    Some((deep_m.min(beside_m), most))
+    Some((FILLED * deep_m.min(beside_m), most))
 }
 
 #[cfg(test)]
@@ -130,14 +134,14 @@ mod tests {
         assert!((1e6 * outline.area_m2() - (2.0 * 20.0 + 3.0 * 30.0)).abs() < 1e-6, "{outline:?}");
     }
 
-    /// Three rings share a line on the paper's skin: three wires beside one another in 3 mm.
+    /// Three rings share a line on the paper's skin: three wires beside one another in four fifths of 3 mm.
     #[test]
     fn wires_fit_beside_one_another() {
         let whole = made("cylinder30", ("wall_m", "wall_m"));
         let (wide_m, most) = wires(&whole).unwrap();
-        assert!((wide_m - 0.001).abs() < 1e-12 && most == 3, "{wide_m} {most}");
+        assert!((wide_m - 0.0008).abs() < 1e-12 && most == 3, "{wide_m} {most}");
         let narrow = made("cylinder30", ("channel_width_m = 0.003", "channel_width_m = 0.0015"));
-        assert!((wires(&narrow).unwrap().0 - 0.0005).abs() < 1e-12);
+        assert!((wires(&narrow).unwrap().0 - 0.0004).abs() < 1e-12);
         assert_eq!(wires(&made("cylinder30", ("channel_depth_m = 0.002", "channel_depth_m = 0.0"))), None);
     }
 }

@@ -6,11 +6,14 @@ use crate::error::FabricateError;
 use crate::outline::Outline;
 use crate::patches::{self, Patch};
 use crate::solid::{self, Solid};
-use dermis::design::{Body, ElectrodeShape, FabricationOptions, SkinDesign, closest_bores};
+use dermis::design::{Body, ElectrodeShape, FabricationOptions, SkinDesign, TouchEffect, closest_bores};
 use dermis::geom::vector::{centroid, distance};
 use dermis::geom::{Chart, Point3};
 use dermis::mesh::Mesh;
 use std::sync::OnceLock;
+
+/// Thickness of a membrane below a coat, m: a common sheet of rubber, which a finger stretches.
+pub(crate) const MEMBRANE_M: f64 = 0.0005;
 
 /// What a workshop makes of a design. Lengths in m, in the frame of the design.
 #[derive(Debug, Clone)]
@@ -73,6 +76,7 @@ impl Fabrication {
     pub fn new(design: &SkinDesign) -> Result<Self, FabricateError> {
         design.check_fabrication()?;
         let options = design.fabrication_options();
+        check_foam(design, &options)?;
         let body_mesh = match &design.body {
             Body::Mesh { file, unit_m } => Some(BodyMesh::load(file, *unit_m)?),
             _ => None,
@@ -105,6 +109,17 @@ impl Fabrication {
             base: OnceLock::new(),
             electrical: OnceLock::new(),
         })
+    }
+
+    /// Whether the coat lies on a membrane that stretches over foam where it is pressed. Otherwise it lies on the base, below
+    /// patches and foam.
+    pub(crate) fn has_membrane(&self) -> bool {
+        self.design.sheet.touch == TouchEffect::ConductanceFalls
+    }
+
+    /// Height of the coat over the outer side of the base, m: that of foam and membrane.
+    pub(crate) fn coat_height_m(&self) -> f64 {
+        if self.has_membrane() { self.options.foam_thickness_m + MEMBRANE_M } else { 0.0 }
     }
 
     /// The base; made at the first call.
@@ -170,6 +185,18 @@ fn on_mesh(design: &SkinDesign, mesh: &BodyMesh) -> Result<Places, FabricateErro
 
 fn bore(design: &SkinDesign, centre_m: Point3, normal: Point3, moved_m: f64) -> Bore {
     Bore { centre_m, normal, diameter_m: design.fabrication_options().bore_m, moved_m }
+}
+
+/// A membrane stretches only over what gives way.
+fn check_foam(design: &SkinDesign, options: &FabricationOptions) -> Result<(), FabricateError> {
+    match design.sheet.touch == TouchEffect::ConductanceFalls && options.foam_thickness_m == 0.0 {
+        true => Err(FabricateError::part(
+            "`foam_thickness_m` is 0 and the coat conducts less where it is pressed: without foam below its membrane nothing \
+             stretches",
+            "give `foam_thickness_m`, for example 0.002, or leave it out",
+        )),
+        false => Ok(()),
+    }
 }
 
 fn check_bores(places: &Places, options: &FabricationOptions) -> Result<(), FabricateError> {

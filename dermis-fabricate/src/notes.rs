@@ -1,16 +1,22 @@
 //! What the builder must know beyond the files.
 
+use crate::electrical::{Electrical, Range};
 use crate::grooves::{Groove, grooves};
 use crate::model::Fabrication;
 use dermis::design::TouchEffect;
 use dermis::text::decimal;
 
 /// Notes about a fabrication: bores that are not at their electrode, and why; channels that overlap; strain of the patches;
-/// a coat that gets none.
+/// a coat that gets none; channels that exceed the range of the reader.
 pub fn notes(fabrication: &Fabrication) -> Vec<String> {
     let mut notes: Vec<String> = moved_bores(fabrication).into_iter().collect();
     notes.extend(overlapping_channels(fabrication));
     notes.extend([strain(fabrication), without_patches(fabrication)].into_iter().flatten());
+    // A design without an electrical model has no tables and no guide either, and their error is reported.
+    if let Some((electrical, range)) = fabrication.electrical().ok().and_then(|one| Some((one, one.range.as_ref()?))) {
+        notes.extend(larger_reference(fabrication, electrical, range));
+        notes.extend(beyond_range(fabrication, electrical, range));
+    }
     notes
 }
 
@@ -31,10 +37,70 @@ fn overlapping_channels(fabrication: &Fabrication) -> Vec<String> {
 
 fn without_patches(fabrication: &Fabrication) -> Option<String> {
     (fabrication.design.sheet.touch == TouchEffect::ConductanceFalls).then(|| {
-        "the coat conducts less where it is pressed (`touch = \"conductance_falls\"`): it gets no fabric patches, and their \
-         files are not used"
+        "the coat conducts less where it is pressed (`touch = \"conductance_falls\"`): it lies on a membrane that stretches \
+         over foam, not on the base; it gets no fabric patches, and their files are not used"
             .into()
     })
+}
+
+/// A reference resistor other than that of `reader.toml`: why, and what it costs.
+fn larger_reference(fabrication: &Fabrication, electrical: &Electrical, range: &Range) -> Option<String> {
+    let (reference_ohm, usual) = (electrical.electronics.reference_ohm, range.usual);
+    (reference_ohm != usual.ohm).then(|| {
+        format!(
+            "with a reference resistor of {} kohm, that of `reader.toml`, {} of the {} channels could exceed the range of \
+             {} V: this skin gets {} kohm, which leaves {:.0} % of the current and of all voltages; `guide.html` has the \
+             firmware's command for it",
+            decimal(1e-3 * usual.ohm, 1),
+            usual.beyond_count,
+            fabrication.design.protocol.channel_count(),
+            decimal(range.limit_v, 3),
+            decimal(1e-3 * reference_ohm, 1),
+            100.0 / usual.current
+        )
+    })
+}
+
+/// Channels that can exceed the range of the reader, and what to do.
+fn beyond_range(fabrication: &Fabrication, electrical: &Electrical, range: &Range) -> Option<String> {
+    let protocol = &fabrication.design.protocol;
+    let adc = electrical.electronics.adc?;
+    let larger = range.without.map_or(String::new(), |one| {
+        format!(
+            "a reference resistor of {} kohm (`reference_ohm`), which leaves {:.0} % of the current and of all voltages, or ",
+            decimal(1e-3 * one.ohm, 1),
+            100.0 * one.current
+        )
+    });
+    (!range.beyond.is_empty()).then(|| {
+        format!(
+            "{} of the {} channels can exceed the range of {} V, which readings without a driven electrode have with gain \
+             {}; out of range they are masked: {}. To read them, too: {larger}gain 1 for all readings, with steps that are \
+             {} times as large (`gain = 1.0` in `reader.toml`; in the firmware's `boards/pico/src/reader.rs` \
+             `Gain::Free => 0b00`)",
+            range.beyond.len(),
+            protocol.channel_count(),
+            decimal(range.limit_v, 3),
+            adc.gain,
+            channels_by_drive(fabrication, &range.beyond),
+            adc.gain
+        )
+    })
+}
+
+/// Channels with the electrodes that they read: `E00 to E01 driven: 3 (E04 - E05)`.
+fn channels_by_drive(fabrication: &Fabrication, channels: &[usize]) -> String {
+    let all = fabrication.design.protocol.channels();
+    let label = |electrode: usize| fabrication.electrodes[electrode].label.as_str();
+    let drive = |own: &[usize]| {
+        let [source, sink] = all[own[0]].drive.map(label);
+        let read = own.iter().map(|&channel| {
+            let [plus, minus] = all[channel].measure.map(label);
+            format!("{channel} ({plus} - {minus})")
+        });
+        format!("{source} to {sink} driven: {}", read.collect::<Vec<_>>().join(", "))
+    };
+    channels.chunk_by(|&a, &b| all[a].drive == all[b].drive).map(drive).collect::<Vec<_>>().join("; ")
 }
 
 fn moved_bores(fabrication: &Fabrication) -> Option<String> {

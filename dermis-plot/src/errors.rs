@@ -50,6 +50,10 @@ impl Drawing<'_> {
             .legend
             .push((Mark::Disc(scale.colour(0.6 * scale.high), true), "true position, coloured by the error".into()));
         scene.legend.push((Mark::Line(scale.colour(0.6 * scale.high)), "line to the estimate".into()));
+        if errors_mm().any(|error_mm| error_mm > scale.high) {
+            let text = format!("{:.2} mm and more", scale.high);
+            scene.legend.push((Mark::Disc(scale.colour(scale.high), true), text));
+        }
         if presses.iter().any(|press| press.estimate.is_none()) {
             scene.legend.push((MISSED, "missed".into()));
         }

@@ -41,7 +41,8 @@ impl Drawing<'_> {
         let decibels = |value: f64| 20.0 * (value / median).log10();
         let values: Vec<f64> = sensitivity.iter().map(|&value| decibels(value)).collect();
         let [low, high] = [quantile(SENSITIVITY_ENDS[0]), quantile(1.0 - SENSITIVITY_ENDS[1])].map(decibels);
-        let key = Key { scale: Scale::sequential([low, high]), label: "sensitivity above its median (dB)".into() };
+        let key =
+            Key { scale: Scale::sequential([low, high]), label: "sensitivity above its median, limited (dB)".into() };
         let subtitle = "change of a frame by a small touch".to_string();
         Scene { subtitle, ..self.field(space, &values, key) }
     }

@@ -1,6 +1,8 @@
 //! Files. Those that are read have a limited size: a device such as `/dev/zero`, or a file of many gigabytes, is an error
 //! and fills no memory. Those that are written are there completely or not at all.
 
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
@@ -10,6 +12,18 @@ use std::sync::{Mutex, PoisonError};
 
 /// Largest file of settings, such as a recipe, a script of touches or a state, bytes.
 pub const MAX_SETTINGS_BYTES: u64 = 16 << 20;
+
+/// Reads a list of a settings file that has a fixed length. (As an array alone, what is too much of a longer list is lost.)
+///
+/// # Errors
+/// A list of another length, or an element of another type.
+pub fn exactly<'de, D: Deserializer<'de>, T: Deserialize<'de>, const N: usize>(
+    deserializer: D,
+) -> std::result::Result<[T; N], D::Error> {
+    let values = Vec::<T>::deserialize(deserializer)?;
+    let wrong = |values: Vec<T>| D::Error::custom(format!("the list has {} values, not {N}", values.len()));
+    values.try_into().map_err(wrong)
+}
 
 /// Reads a file of at most some bytes.
 ///

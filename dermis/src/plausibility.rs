@@ -202,8 +202,8 @@ impl<'a> Plausibility<'a> {
     }
 
     /// The compared values.
-    fn values(&self, frame: &Frame) -> Vec<f64> {
-        limited(self.compared.iter().map(|&channel| frame[channel]))
+    fn values(&self, frame: &Frame) -> impl Iterator<Item = f64> {
+        self.compared.iter().map(|&channel| frame[channel])
     }
 
     /// The size of a frame over that of another one.
@@ -291,7 +291,7 @@ impl<'a> Plausibility<'a> {
         let sorted = |frame: &Frame| {
             let mut values = limited(self.used.iter().map(|&channel| frame[channel]));
             values.sort_by(f64::total_cmp);
-            values
+            values.into_iter()
         };
         agreement(sorted(frame), sorted(other)) >= SAME_VALUES
     }
@@ -393,8 +393,10 @@ fn median_size(values: impl Iterator<Item = f64>) -> f64 {
     upper_median(&values.map(f64::abs).collect::<Vec<f64>>()).unwrap_or(f64::NAN)
 }
 
-/// The cosine of two lists beyond that of the same values in a random order, over the most that is possible. 0 without values.
-fn agreement(a: Vec<f64>, b: Vec<f64>) -> f64 {
+/// The cosine of two lists of limited values beyond that of the same values in a random order, over the most that is possible. 0
+/// without values.
+pub(crate) fn agreement(a: impl Iterator<Item = f64>, b: impl Iterator<Item = f64>) -> f64 {
+    let (a, b) = (limited(a), limited(b));
     let sizes = (dot(&a, &a) * dot(&b, &b)).sqrt();
     let chance = a.iter().sum::<f64>() * b.iter().sum::<f64>() / a.len() as f64 / sizes;
     let agreement = (dot(&a, &b) / sizes - chance) / (1.0 - chance);

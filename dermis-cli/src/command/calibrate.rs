@@ -101,15 +101,19 @@ impl Arguments {
             used.frames.truncate(labels.last().map_or(0, |label| label.row) + 1);
         }
         let (fitted, alternatives) = fitted::fit(&skin, &used, &labels, presses.frame(), method)?;
+        let outlook = self.outlook(&skin, &used.frames, &labels, presses.frame(), &fitted)?;
         if let Some(reason) = alternatives.reason(&fitted) {
             let fix = "check that the labels belong to the frames, their rows, units and axes (dermis check-frames --truth), or \
                        label more presses";
             if !self.force {
+                // Where to press next is asked while there are too few presses.
+                if let Some(outlook) = &outlook {
+                    print(&format!("{}\n", outlook.to_text()))?;
+                }
                 return Err(Failure::given(reason, Some(&format!("{fix}; --force writes it all the same"))));
             }
             warn(&format!("{reason}; {fix}"));
         }
-        let outlook = self.outlook(&skin, &used.frames, &labels, presses.frame(), &fitted)?;
         fitted.save(&self.output, skin.design())?;
         if self.json {
             let mut json = fitted::to_json(&fitted, &skin.design().name, &labels);

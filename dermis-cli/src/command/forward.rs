@@ -27,8 +27,8 @@ pub struct Arguments {
     /// untouched skin]
     #[arg(long, value_name = "FILE")]
     conductivity: Option<PathBuf>,
-    /// Touches to simulate, one per row, with the columns of --truth of `evaluate`. Each is a Gaussian change of
-    /// conductance.
+    /// Touches to simulate, one per row, with the columns of --truth of `evaluate`. Each is the same Gaussian change of
+    /// conductance, whatever its force; `dermis experiment` presses by forces.
     #[arg(long, value_name = "FILE", conflicts_with = "conductivity")]
     touches: Option<PathBuf>,
     /// Relative change of conductance at the centre of a simulated touch: 1 doubles it.

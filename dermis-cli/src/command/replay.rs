@@ -1,7 +1,7 @@
 //! `dermis replay`: the contacts of a recording, recomputed from the messages of the device.
 
 use crate::command::recover::damage;
-use crate::console::{Progress, print, print_json};
+use crate::console::{Progress, print, print_json, warn};
 use crate::failure::Outcome;
 use crate::output::{json_line, to_standard_output};
 use clap::Args;
@@ -46,8 +46,9 @@ impl Arguments {
                     Ok(None) => return Ok(()),
                     Ok(Some(Replayed::Frame(frame))) => frame,
                     Ok(Some(Replayed::Command(_))) => continue,
-                    Err(LiveError::Record(RecordError::Damaged { .. })) => {
+                    Err(error @ LiveError::Record(RecordError::Damaged { .. })) => {
                         counts.damaged_parts += 1;
+                        warn(&error.to_string());
                         continue;
                     }
                     Err(error) => {
@@ -66,6 +67,9 @@ impl Arguments {
         })?;
         drop(waiting);
         failure?;
+        if !replay.is_whole() && counts.damaged_parts == 0 {
+            warn(&format!("{} ends early: what came in its last moments is missing", self.recording.display()));
+        }
         match (self.summary, self.json) {
             (true, true) => print_json(&counts)?,
             (true, false) => {

@@ -44,6 +44,20 @@ fn an_offset_of_all_values_is_no_touch_and_ends() {
     assert_eq!(until(&mut bench, 4.5).last().unwrap().contacts.len(), 1);
 }
 
+#[test]
+fn values_in_the_place_of_others_after_the_tare_are_no_frames_of_the_skin() {
+    for by in [1, 29, 435] {
+        let mut bench =
+            Bench::new(lab(), 68, vec![stroke(2.0, 1.0, place(0.15, 120.0), None, 2.0)], Settings::default());
+        until(&mut bench, 1.5);
+        let slipped: Vec<PipelineFrame> = (0..120).map(|_| bench.changed(|values| values.rotate_left(by))).collect();
+        let usable = slipped.iter().filter(|frame| frame.validity.is_usable()).count();
+        assert_eq!(usable, 0, "by {by}");
+        until(&mut bench, 4.0);
+        assert_untouched(&until(&mut bench, 4.5));
+    }
+}
+
 /// Spikes of some size on all values of one drive, or on as many others, for some frames: nothing is sure to touch.
 #[test]
 fn spikes_are_no_certain_contacts() {

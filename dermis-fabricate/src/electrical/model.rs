@@ -1,10 +1,11 @@
 //! The electrical model of an untouched skin and its reader: every table and the netlist are written from it.
 
 use crate::electrical::neighbours::{Neighbours, neighbours};
+use crate::electrical::range::{self, Range};
 use crate::electrical::reader::{self, LONGEST_WAIT_S, OVERHEAD_S, REFERENCE_TOLERANCE, SWITCHING};
 use crate::electrical::spread::{Sensitivities, Value};
 use crate::error::FabricateError;
-use dermis::design::SkinDesign;
+use dermis::design::{FabricationOptions, SkinDesign};
 use dermis::forward::{ElectrodeNetwork, ForwardModel};
 use dermis::geom::Point3;
 use dermis::mesh::Mesh;
@@ -16,8 +17,10 @@ use dermis_sim::twin::electronics::{ElectronicsOptions, SettlingPlan};
 pub struct Electrical {
     /// The mesh of the model.
     pub(crate) mesh: Mesh,
-    /// The electronics.
+    /// The electronics: those of `reader.toml`, with a reference resistor that fits the skin.
     pub(crate) electronics: ElectronicsOptions,
+    /// The channels against the range of the electronics; `None` without a converter.
+    pub(crate) range: Option<Range>,
     /// The skin between its electrodes.
     pub(crate) network: ElectrodeNetwork,
     /// The place of each electrode on the multiplexers.
@@ -52,15 +55,16 @@ impl Electrical {
         let mesh = Mesh::generate(design)?;
         let model = ForwardModel::new(design, &mesh)?;
         let network = model.network(model.rest_conductivity()).map_err(dermis::Error::from)?;
-        let electronics = reader::electronics(&design.protocol);
+        let skin = SkinSensitivities::of(design, &mesh)?;
+        let (electronics, range) = range::fitted(design, &skin, reader::electronics(&design.protocol));
         let plan = SettlingPlan::new(&electronics, &design.protocol, &network, SWITCHING)?;
         check_waits(design, &plan.waits_s)?;
         let places = design.multiplexer_inputs();
         let needed = places.iter().map(|place| place.multiplexer + 1).max().unwrap_or(1);
-        let readings = readings(design, &mesh, &electronics, &plan.waits_s)?;
+        let readings = skin.readings(design, &electronics, &plan.waits_s);
         let multiplexers = design.fabrication_options().multiplexers.unwrap_or(needed);
         let neighbours = neighbours(design, &mesh, centres_m)?;
-        Ok(Electrical { mesh, electronics, network, places, multiplexers, readings, neighbours })
+        Ok(Electrical { mesh, electronics, range, network, places, multiplexers, readings, neighbours })
     }
 
     /// Frames that the slots allow a second, Hz: at most those of the electronics.
@@ -93,34 +97,63 @@ fn block(electrode_count: usize) -> usize {
     (20_000_000 / electrode_count).max(1)
 }
 
-fn readings(
-    design: &SkinDesign,
-    mesh: &Mesh,
-    electronics: &ElectronicsOptions,
-    waits_s: &[f64],
-) -> Result<Vec<Reading>, FabricateError> {
-    let (protocol, options) = (&design.protocol, design.fabrication_options());
-    let drives = protocol.drives().0.iter().map(|&pair| Channel { drive: pair, measure: pair }).collect();
-    let of_drives = Sensitivities::of(design, mesh, drives)?;
-    let mut circuits = of_drives.iter().map(|skin| skin.in_loop(electronics));
-    let mut of_channels = Vec::with_capacity(protocol.channel_count());
-    for channels in protocol.channels().chunks(block(protocol.electrode_count())) {
-        of_channels.extend(Sensitivities::of(design, mesh, channels.to_vec())?);
+/// The resistances of a skin that its readings depend on.
+pub(super) struct SkinSensitivities {
+    /// Between the driven electrodes, in the order of the drives.
+    pub(super) drives: Vec<Sensitivities>,
+    /// Of the channels, in their order.
+    channels: Vec<Sensitivities>,
+}
+
+impl SkinSensitivities {
+    fn of(design: &SkinDesign, mesh: &Mesh) -> Result<Self, FabricateError> {
+        let protocol = &design.protocol;
+        let drives = protocol.drives().0.iter().map(|&pair| Channel { drive: pair, measure: pair }).collect();
+        let mut of_channels = Vec::with_capacity(protocol.channel_count());
+        for channels in protocol.channels().chunks(block(protocol.electrode_count())) {
+            of_channels.extend(Sensitivities::of(design, mesh, channels.to_vec())?);
+        }
+        Ok(SkinSensitivities { drives: Sensitivities::of(design, mesh, drives)?, channels: of_channels })
     }
-    let shown = |value: Value| if protocol.amplitude_only() { value.without_sign() } else { value };
-    let mut circuit = None;
-    let reading = |(slot, &wait_s): (ScanSlot, &f64)| {
-        let Some((_, channel)) = slot.measure else {
-            // The first slot of a drive; drives follow in their order.
-            let own = circuit.insert(circuits.next().expect("a circuit for each drive"));
-            return Reading { slot, ohm: None, volt: own.reference(&options, REFERENCE_TOLERANCE), wait_s };
+
+    /// The voltages of the channels.
+    pub(super) fn volts(
+        &self,
+        protocol: &Protocol,
+        electronics: &ElectronicsOptions,
+        options: &FabricationOptions,
+    ) -> Vec<Value> {
+        let circuits: Vec<_> = self.drives.iter().map(|skin| skin.in_loop(electronics)).collect();
+        let volt = |(own, &drive): (&Sensitivities, &usize)| {
+            let value = circuits[drive].voltage(own, options, REFERENCE_TOLERANCE);
+            shown(protocol, value)
         };
-        let circuit = circuit.as_ref().expect("a drive begins with its current");
-        let own = &of_channels[channel];
-        let ohm = Some(shown(own.ohm(&options, REFERENCE_TOLERANCE)));
-        Reading { slot, ohm, volt: shown(circuit.voltage(own, &options, REFERENCE_TOLERANCE)), wait_s }
-    };
-    Ok(protocol.scan().into_iter().zip(waits_s).map(reading).collect())
+        self.channels.iter().zip(&protocol.drives().1).map(volt).collect()
+    }
+
+    /// The readings, in the order of the scan table.
+    fn readings(&self, design: &SkinDesign, electronics: &ElectronicsOptions, waits_s: &[f64]) -> Vec<Reading> {
+        let (protocol, options) = (&design.protocol, design.fabrication_options());
+        let volts = self.volts(protocol, electronics, &options);
+        let mut drives = self.drives.iter();
+        let reading = |(slot, &wait_s): (ScanSlot, &f64)| match slot.measure {
+            Some((_, channel)) => {
+                let ohm = Some(shown(protocol, self.channels[channel].ohm(&options, REFERENCE_TOLERANCE)));
+                Reading { slot, ohm, volt: volts[channel], wait_s }
+            }
+            None => {
+                // The first slot of a drive; drives follow in their order.
+                let own = drives.next().expect("a reading of the current for each drive").in_loop(electronics);
+                Reading { slot, ohm: None, volt: own.reference(&options, REFERENCE_TOLERANCE), wait_s }
+            }
+        };
+        protocol.scan().into_iter().zip(waits_s).map(reading).collect()
+    }
+}
+
+/// A value as the instrument shows it.
+fn shown(protocol: &Protocol, value: Value) -> Value {
+    if protocol.amplitude_only() { value.without_sign() } else { value }
 }
 
 /// A protocol of some channels.

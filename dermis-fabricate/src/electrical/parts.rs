@@ -2,8 +2,8 @@
 
 use crate::error::FabricateError;
 use crate::grooves::wires;
-use crate::model::Fabrication;
-use dermis::design::{Body, FabricationOptions, TouchEffect};
+use crate::model::{Fabrication, MEMBRANE_M};
+use dermis::design::Body;
 use dermis::text::decimal;
 
 /// A row of the list of parts.
@@ -33,8 +33,12 @@ const LINES: usize = 4;
 pub fn parts(fabrication: &Fabrication) -> Result<Vec<Part>, FabricateError> {
     let electrical = fabrication.electrical()?;
     let multiplexers = LINES * electrical.multiplexers;
-    let mut parts = reader(multiplexers, 1e-3 * electrical.electronics.reference_ohm);
-    let Pin { diameter_m, length_m } = Pin::of(&fabrication.options);
+    let mut parts = reader(multiplexers, electrical.electronics.reference_ohm / 1e3);
+    parts.push(piece("connector", "one pin for each wire of an electrode", 1, "skin to circuit board"));
+    parts.push(piece("connector", "4 pins: +12 V; ground; -12 V; 5 V", 1, "supplies to circuit board"));
+    parts.push(piece("connector", "two rows of 20 sockets; 2.54 mm", 1, "controller on circuit board"));
+    parts.push(piece("cable", "USB; for the controller", 1, "controller to computer"));
+    let Pin { diameter_m, length_m } = Pin::of(fabrication);
     let pin = format!("{} mm in diameter; {} mm long", decimal(1e3 * diameter_m, 3), decimal(1e3 * length_m, 3));
     parts.push(piece("electrode", &pin, fabrication.electrodes.len(), "pin of copper or brass in each bore"));
     parts.extend(materials(fabrication)?);
@@ -45,7 +49,8 @@ fn piece(name: &str, kind: &str, count: usize, purpose: &'static str) -> Part {
     part(name, kind, count as f64, "pieces", purpose)
 }
 
-/// The parts of the reader; `guide` has a table of their pins.
+/// The parts of the reader; `guide` has a table of their pins. Integrated circuits come in packages for surfaces alone: the
+/// adapter boards are for those that a soldering iron reaches.
 fn reader(multiplexers: usize, reference_kohm: f64) -> Vec<Part> {
     // At each supply pin: of the multiplexers, the amplifier (2), driver, converter (2), and at half the supply.
     let small_capacitors = multiplexers + 6;
@@ -56,7 +61,9 @@ fn reader(multiplexers: usize, reference_kohm: f64) -> Vec<Part> {
         piece("driver", "MCP6D11 or another fully differential amplifier for 5 V", 1, "amplifier to converter"),
         piece("gain resistor", "1 kohm; 0.1 %", 4, "unity gain of the driver"),
         piece("converter", "MCP33131D-10", 1, "16 bits"),
-        piece("input filter", "resistors and capacitors of the converter's data sheet", 1, "driver to converter"),
+        // They settle to 16 bits in 12 x 22 ohm x 1.8 nF = 0.5 us: a sixth of the shortest wait of the paper's skin.
+        piece("filter resistor", "22 ohm; 1 %", 2, "driver to each input of the converter"),
+        piece("filter capacitor", "1.8 nF; C0G", 2, "each input of the converter to ground"),
         piece("reference resistor", &format!("{reference_kohm} kohm; 0.1 %; 10 ppm/K"), 1, "in series with the source"),
         piece("bias resistor", "10 Mohm", 2, "amplifier inputs to half the supply"),
         piece("divider resistor", "10 kohm; 1 %", 2, "half the supply"),
@@ -65,6 +72,20 @@ fn reader(multiplexers: usize, reference_kohm: f64) -> Vec<Part> {
         piece("supply", "1.8 V; 10 mA", 1, "converter; its 3.3 V come from the controller"),
         piece("capacitor", "100 nF; ceramic", small_capacitors, "at each supply pin and at half the supply"),
         piece("capacitor", "10 uF; ceramic", 5, "at each supply and at the converter's reference"),
+        piece(
+            "circuit board",
+            "no layout exists: to be designed from the guide's table of pins",
+            1,
+            "parts of the reader",
+        ),
+        piece(
+            "adapter board",
+            "TQFP-48 with 0.5 mm between pins",
+            multiplexers,
+            "multiplexers; for a trial without circuit board",
+        ),
+        piece("adapter board", "MSOP-10", 2, "amplifier and converter; for a trial without circuit board"),
+        piece("adapter board", "MSOP-8", 1, "driver; for a trial without circuit board"),
     ]
 }
 
@@ -84,13 +105,15 @@ impl Pin {
     /// How far a pin passes the inner face of a wall without channels, m: room for the solder of a wire.
     const BEYOND_M: f64 = 0.002;
 
-    /// From the outer side to half the depth of the channel, so that wires pass below it; without a channel beyond the
-    /// inner face.
-    pub(crate) fn of(options: &FabricationOptions) -> Self {
-        let length_m = match options.channel_depth_m > 0.0 {
-            true => options.wall_m - 0.5 * options.channel_depth_m,
-            false => options.wall_m + Self::BEYOND_M,
+    /// From the coat to the bottom of the channel, whose depth is left to the solder and the wires that pass it; without
+    /// a channel beyond the inner face.
+    pub(crate) fn of(fabrication: &Fabrication) -> Self {
+        let options = &fabrication.options;
+        let inner_m = match options.channel_depth_m > 0.0 {
+            true => -options.channel_depth_m,
+            false => Self::BEYOND_M,
         };
+        let length_m = fabrication.coat_height_m() + options.wall_m + inner_m;
         Pin { diameter_m: options.bore_m - Self::CLEARANCE_M, length_m }
     }
 }
@@ -106,17 +129,22 @@ fn materials(fabrication: &Fabrication) -> Result<Vec<Part>, FabricateError> {
     let base_cm3 = 1e-3 * fabrication.base()?.volume_mm3();
     let wire =
         wires(fabrication).map_or(String::new(), |(wide_m, _)| format!("at most {} mm", decimal(1e3 * wide_m, 2)));
-    let mut parts = vec![
-        part("printed base", "", base_cm3, "cm3", "solid volume without supports"),
-        part("coat", &coat, 1e4 * coat_m2(fabrication), "cm2", "sprayed on the base"),
-    ];
-    if fabrication.design.sheet.touch == TouchEffect::ConductanceRises {
-        parts.extend([
+    let membrane = format!("rubber; {} mm thick", 1e3 * MEMBRANE_M);
+    let (coat_cm2, foam_cm2) = (1e4 * coat_m2(fabrication), 1e4 * foam_m2(fabrication));
+    let mut parts = vec![part("printed base", "", base_cm3, "cm3", "solid volume without supports")];
+    parts.extend(match fabrication.has_membrane() {
+        true => vec![
+            part("foam", &foam, foam_cm2, "cm2", "below the membrane"),
+            part("membrane", &membrane, coat_cm2, "cm2", "below the coat; without the rim that is glued to the base"),
+            part("coat", &coat, coat_cm2, "cm2", "elastic; sprayed on the membrane"),
+        ],
+        false => vec![
+            part("coat", &coat, coat_cm2, "cm2", "sprayed on the base"),
             part("conductive fabric", "", 1e4 * fabric_m2, "cm2", "patches; without what is cut away"),
             part("stretchable film", "", 1e4 * fabric_m2, "cm2", "ironed on the fabric"),
-            part("foam", &foam, 1e4 * foam_m2(fabrication), "cm2", "over the patches"),
-        ]);
-    }
+            part("foam", &foam, foam_cm2, "cm2", "over the patches"),
+        ],
+    });
     parts.push(part("wire", &wire, wire_m(fabrication), "m", "channels and 0.3 m to the reader for each electrode"));
     Ok(parts)
 }
@@ -179,7 +207,7 @@ mod tests {
         // A capacitor at each of 4 + 2 + 1 + 2 supply pins, and one at half the supply.
         assert_eq!(amount_of(&parts, "capacitor"), 10.0);
         let pin = parts.iter().find(|part| part.part == "electrode").unwrap();
-        assert_eq!(pin.kind, "2.9 mm in diameter; 4 mm long");
+        assert_eq!(pin.kind, "2.9 mm in diameter; 3 mm long");
         // Each channel takes 3 x 2 mm off: five of 240 mm and five of 297.5 mm; bores take the wall above them.
         let tube = PI * (25.0 - 20.25) * 30.0;
         let channels = 0.3 * 0.2 * 5.0 * (24.0 + 29.75);

@@ -5,6 +5,8 @@ use dermis_sim::twin::electronics::{AdcOptions, ElectronicsOptions, Switching};
 
 /// Relative tolerance of the reference resistor.
 pub const REFERENCE_TOLERANCE: f64 = 1e-3;
+/// The reference resistor of `reader.toml`, ohm.
+pub(crate) const USUAL_REFERENCE_OHM: f64 = 1000.0;
 /// Charge of a closing switch, and no aperture: the timing of a slot has its own cycles for it.
 pub(crate) const SWITCHING: Switching = Switching { charge_c: 1e-12, aperture_s: 0.0 };
 /// The longest wait that a slot can have, s.
@@ -15,11 +17,12 @@ pub(crate) const OVERHEAD_S: f64 = 188.0 / 125e6;
 const FRAME_RATE_HZ: f64 = 120.0;
 const SLOT_RATE_HZ: f64 = 108e3;
 
-/// The electronics for a protocol. `dermis-firmware/boards/reader.toml` has the same.
+/// The electronics for a protocol, before the reference resistor is fitted to a skin. `dermis-firmware/boards/reader.toml`
+/// has the same.
 pub fn electronics(protocol: &Protocol) -> ElectronicsOptions {
     ElectronicsOptions {
         source_v: 5.0,
-        reference_ohm: 1000.0,
+        reference_ohm: USUAL_REFERENCE_OHM,
         on_resistance_ohm: 4.0,
         on_resistance_spread_ohm: 0.3,
         line_capacitance_f: 250e-12,

@@ -1,10 +1,11 @@
-//! The step of the coat: masks, layers, regions, paste, and the resistances that show that all is well.
+//! The step of the coat: what it lies on, masks, layers, regions, paste, and the resistances that show that all is well.
 
+use super::cover::foam;
 use super::html::{self, Section, code, in_halves, list, mm, table};
 use super::pictures;
 use crate::electrical::Neighbours;
 use crate::error::FabricateError;
-use crate::model::Fabrication;
+use crate::model::{Fabrication, MEMBRANE_M};
 use dermis::design::{Body, Region, RegionPlace};
 use dermis::text::escaped;
 use dermis_plot::report::figure;
@@ -18,7 +19,11 @@ const DRY: &str = "It is dry when two readings of the resistance, ten minutes ap
 
 pub(super) fn section(fabrication: &Fabrication) -> Result<Section, FabricateError> {
     let has_regions = !fabrication.design.sheet.regions.is_empty();
-    let mut text = list(&steps(fabrication));
+    let mut text = String::new();
+    if fabrication.has_membrane() {
+        text += &format!("<h3>Foam and membrane</h3>\n{}<h3>Coat</h3>\n", list(&membrane(fabrication)));
+    }
+    text += &list(&steps(fabrication));
     if has_regions {
         text += &regions(fabrication);
     }
@@ -28,7 +33,37 @@ pub(super) fn section(fabrication: &Fabrication) -> Result<Section, FabricateErr
         text += &figure(&picture, &caption);
     }
     text += &neighbours(fabrication)?;
-    Ok(html::section("3. Coat", text, true))
+    let heading = if fabrication.has_membrane() { "3. Membrane and coat" } else { "3. Coat" };
+    Ok(html::section(heading, text, true))
+}
+
+/// How the membrane comes over the base, so that a press stretches the coat on it.
+fn membrane(fabrication: &Fabrication) -> Vec<String> {
+    let hole = format!("punch a hole of {} mm for each pin", mm(fabrication.options.bore_m));
+    let lay = match fabrication.chart {
+        Some(_) => format!(
+            "Cut {} from {}, {hole} ({} has their places), and lay it on the base over the pins.",
+            foam(fabrication),
+            code("patterns/foam.svg"),
+            code("patterns/drill-template.svg")
+        ),
+        None => format!("Cut {} on the body, {hole}, and lay it on the base over the pins.", foam(fabrication)),
+    };
+    vec![
+        format!("{lay} Under a press it gives way, so that the membrane stretches. A rigid base below it would not let it."),
+        format!(
+            "Cut a membrane of rubber {} mm thick (latex, silicone or thermoplastic polyurethane), 20 mm larger than the foam \
+             all round. Choose one to which the paint sticks, and a paint that stays elastic: the resistance of a coated \
+             strip must rise when it is stretched by a tenth, and come back.",
+            mm(MEMBRANE_M)
+        ),
+        "Lay the membrane over the foam. Pierce it at each pin with a hole narrower than the pin, and push it down until the \
+         pin's face is flush with its outer side."
+            .into(),
+        "Stretch the membrane until it has no folds and lies on the foam without pressing it, and glue its rim to the base \
+         beyond the foam, or round the edge to the inner side."
+            .into(),
+    ]
 }
 
 fn steps(fabrication: &Fabrication) -> Vec<String> {
@@ -41,11 +76,12 @@ fn steps(fabrication: &Fabrication) -> Vec<String> {
         steps.push("The body does not unroll: mask its edges with tape.".into());
     }
     let [wide, long] = STRIP_MM;
+    let ground = if fabrication.has_membrane() { "membrane" } else { "material" };
     let ohm = 1.0 / design.sheet.conductance;
     steps.extend([
         "Cover what is outside the outline of the coat, and the faces of the electrodes.".to_string(),
         format!(
-            "Lay a test strip beside the base, of the same material: {wide} mm wide, with silver paste across it at two \
+            "Lay a test strip beside the base, of the same {ground}: {wide} mm wide, with silver paste across it at two \
              places {long} mm apart. Its resistance is {} times the sheet resistance.",
             long / wide
         ),

@@ -7,17 +7,32 @@ use dermis::design::Body;
 use dermis_plot::report::figure;
 
 pub(super) fn section(fabrication: &Fabrication) -> Section {
-    let text = match pictures::is_covered(fabrication) {
-        true => patches(fabrication),
-        false => {
-            "<p>This coat conducts less where it is pressed (<code>touch = \"conductance_falls\"</code>): pressing stretches \
-             it. Lay no conductive fabric on it: patches would let it conduct more there. The files of patches and foam in \
-             this folder are for coats that conduct more, and are not used here. Protect the coat with a soft film that \
-             does not conduct and stretches with it, or leave it open.</p>\n"
-                .into()
-        }
+    let text = match fabrication.has_membrane() {
+        true => over_membrane(fabrication),
+        false => patches(fabrication),
     };
     html::section("4. Cover", text, true)
+}
+
+/// What may lie on a coat that conducts less where it is pressed.
+fn over_membrane(fabrication: &Fabrication) -> String {
+    format!(
+        "<p>This coat conducts less where it is pressed (<code>touch = \"conductance_falls\"</code>): pressing stretches it \
+         with its membrane. Lay no conductive fabric on it: patches would let it conduct more there. {} and {} are not used. \
+         Protect the coat with a soft film that does not conduct and stretches with it, or leave it open.</p>\n\
+         <p>Press it with a finger between two neighbours while you measure between them: the resistance must rise, and come \
+         back. The coat now is {} mm above the outer side of the base: that is the height of its surface in the robot \
+         descriptions over {}.</p>\n",
+        code("patterns/patches.svg"),
+        code("patterns/patches.csv"),
+        mm(fabrication.coat_height_m()),
+        code("base.stl")
+    )
+}
+
+/// The foam with its sizes: ``foam 2 mm thick (W x H mm)``.
+pub(super) fn foam(fabrication: &Fabrication) -> String {
+    format!("foam {} mm thick{}", mm(fabrication.options.foam_thickness_m), foam_size(fabrication))
 }
 
 fn patches(fabrication: &Fabrication) -> String {
@@ -37,7 +52,7 @@ fn patches(fabrication: &Fabrication) -> String {
 fn steps(fabrication: &Fabrication) -> Vec<String> {
     let options = &fabrication.options;
     let count = fabrication.patches.len();
-    let foam = format!("foam {} mm thick{}", mm(options.foam_thickness_m), foam_size(fabrication));
+    let foam = foam(fabrication);
     let glue = match fabrication.design.body {
         Body::Mesh { .. } => format!(
             "Glue each patch to its place in {}, film to the foam, on the inner face of {foam} that is cut on the body.",

@@ -35,7 +35,7 @@ fn page(fabrication: &Fabrication) -> Result<String, FabricateError> {
         coat::section(fabrication)?,
         cover::section(fabrication),
         wiring::section(fabrication)?,
-        reader::firmware(fabrication),
+        reader::firmware(fabrication)?,
         first_test::section(fabrication)?,
         steps::robot(fabrication),
     ];

@@ -2,6 +2,8 @@
 
 use super::html::{self, Section, code, list, table};
 use super::steps::{argument, is_plain};
+use crate::electrical;
+use crate::error::FabricateError;
 use crate::model::Fabrication;
 use dermis::protocol::MultiplexerInput;
 use dermis::text::escaped;
@@ -10,12 +12,13 @@ use dermis::text::escaped;
 const MAX_OF_PICO: usize = MultiplexerInput::REFERENCE.input;
 
 /// Every pin of a part of the reader, and what it is joined to.
-const PINS: [[&str; 3]; 35] = [
+const PINS: [[&str; 3]; 36] = [
     ["controller (Pico)", "GP0 to GP4", "A0 to A4 of the source's multiplexer, lowest bit first"],
     ["", "GP5 to GP9", "A0 to A4 of the sink's (ground's) multiplexer"],
     ["", "GP10 to GP14", "A0 to A4 of the plus input's multiplexer"],
     ["", "GP15 to GP19", "A0 to A4 of the minus input's multiplexer"],
-    ["", "GP20, GP21", "A0, A1 of the amplifier: 01 is gain 10, 00 is gain 1"],
+    ["", "GP20", "A0 of the amplifier: high is gain 10, low is gain 1"],
+    ["", "GP21", "A1 of the amplifier: always low; the pin is spare"],
     ["", "GP22", "/EN of all multiplexers: high opens all switches"],
     ["", "GP26, GP27, GP28", "CNVST, SCLK, SDO of the converter"],
     ["", "3V3(OUT); GND; USB", "DVIO of the converter; ground; computer"],
@@ -39,7 +42,7 @@ const PINS: [[&str; 3]; 35] = [
     ["driver (MCP6D11)", "VDD; VSS", "5 V; ground"],
     ["", "inputs", "amplifier's OUT and ground, each through 1 kohm; 1 kohm from each output back to its input"],
     ["", "VOCM", "half the supply"],
-    ["", "outputs", "AIN+ and AIN- of the converter, through the filter of the converter's data sheet"],
+    ["", "outputs", "AIN+ and AIN- of the converter, each through 22 ohm; 1.8 nF from each AIN to ground, close to it"],
     ["converter (MCP33131D-10)", "AVDD", "1.8 V"],
     ["", "DVIO", "3.3 V of the controller"],
     ["", "VREF", "5 V (5.1 V at most), 10 uF close to the pin"],
@@ -52,8 +55,9 @@ const PINS: [[&str; 3]; 35] = [
 pub(super) fn pins(fabrication: &Fabrication) -> String {
     let rows = PINS.iter().map(|row| row.map(String::from));
     format!(
-        "<h3>Pins and supplies</h3>\n{}<p class=\"note\">Note: no board of this reader has been built; it was checked in emulation. \
-         Check every pin and voltage with the data sheets before you switch on. All grounds are joined. Each supply pin has \
+        "<h3>Pins and supplies</h3>\n{}<p class=\"note\">Note: no board of this reader has been built; it was checked in \
+         emulation. There is no layout of a circuit board either: the pins below are its circuit, and you must design the \
+         board, or wire the parts on adapter boards. Check every pin and voltage with the data sheets before you switch on. All grounds are joined. Each supply pin has \
          100 nF to ground close to it, each supply 10 uF.</p>\n\
          <p>Why the amplifier gets 12 V: its inputs and its output do not reach its supplies (by 1 to 2 V; see its data \
          sheet), and the reference resistor is read at 5 V. The data sheet allows \u{b1}5 V to \u{b1}15 V. A reading out \
@@ -82,21 +86,38 @@ fn limits(fabrication: &Fabrication) -> String {
     }
 }
 
+/// The reader's electronics as a file for the firmware: the command that writes it, if the skin has another reference resistor
+/// than `reader.toml`, and its path.
+fn twin(reference_ohm: f64, module: &str) -> (String, String) {
+    const USUAL: &str = "dermis-firmware/boards/reader.toml";
+    if reference_ohm == electrical::USUAL_REFERENCE_OHM {
+        return (String::new(), USUAL.into());
+    }
+    let own = format!("dermis-firmware/boards/skins/{module}_reader.toml");
+    let copy = format!("sed 's/^reference_ohm = .*/reference_ohm = {reference_ohm:.1}/' {USUAL} &gt; {own}\n");
+    (copy, own)
+}
+
 /// The step of building the firmware and bringing it on the controller.
-pub(super) fn firmware(fabrication: &Fabrication) -> Section {
+///
+/// # Errors
+/// A design without an electrical model.
+pub(super) fn firmware(fabrication: &Fabrication) -> Result<Section, FabricateError> {
     let name = &fabrication.design.name;
     let module = if is_plain(name) { name.replace('-', "_") } else { "skin".into() };
     let design = escaped(&argument(&fabrication.design));
+    let (copy, twin) = twin(fabrication.electrical()?.electronics.reference_ohm, &module);
     let steps = [
         format!(
             "Install Rust, and clone {}. Run the commands below in its folder. A design in a file is named by its path.",
             code(env!("CARGO_PKG_REPOSITORY"))
         ),
         format!(
-            "Add the controller's target, and write the scan table of this skin with its settling times:\
-             <pre><code>dermis-firmware/boards/targets\nmkdir -p dermis-firmware/boards/skins\n\
-             dermis scan-table {design} --firmware --twin dermis-firmware/boards/reader.toml \
-             -o dermis-firmware/boards/skins/{module}.rs</code></pre>"
+            "Add the controller's target, and write the scan table of this skin with its settling times{}:\
+             <pre><code>dermis-firmware/boards/targets\nmkdir -p dermis-firmware/boards/skins\n{copy}\
+             dermis scan-table {design} --firmware --twin {twin} \
+             -o dermis-firmware/boards/skins/{module}.rs</code></pre>",
+            if copy.is_empty() { "" } else { ", for its own reference resistor" }
         ),
         format!(
             "Name this table in {}: the line {}.",
@@ -116,5 +137,5 @@ pub(super) fn firmware(fabrication: &Fabrication) -> Section {
         ),
         "The controller now is a serial port: <code>/dev/ttyACM0</code> below (on other systems another name).".into(),
     ];
-    html::section("6. Firmware", limits(fabrication) + &list(&steps), true)
+    Ok(html::section("6. Firmware", limits(fabrication) + &list(&steps), true))
 }

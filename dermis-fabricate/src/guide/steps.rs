@@ -5,7 +5,7 @@ use super::pictures;
 use crate::electrical;
 use crate::error::FabricateError;
 use crate::grooves::wires;
-use crate::model::Fabrication;
+use crate::model::{Fabrication, MEMBRANE_M};
 use crate::notes::notes;
 use dermis::design::{Body, ElectrodeShape, SkinDesign};
 use dermis::text::{counted, decimal};
@@ -30,16 +30,20 @@ pub(super) fn overview(fabrication: &Fabrication) -> Result<Section, FabricateEr
         Some(ElectrodeShape::Point) | None => "points".into(),
         Some(ElectrodeShape::Group) => "groups of nodes of the mesh file".into(),
     };
-    let patches = match pictures::is_covered(fabrication) {
-        true => format!("{}, {} mm apart", fabrication.patches.len(), mm(options.patch_pitch_m)),
-        false => "none".into(),
+    let patches = match fabrication.has_membrane() {
+        true => "none".into(),
+        false => format!("{}, {} mm apart", fabrication.patches.len(), mm(options.patch_pitch_m)),
+    };
+    let below = match fabrication.has_membrane() {
+        true => format!(", on a membrane {} mm thick over foam", mm(MEMBRANE_M)),
+        false => String::new(),
     };
     let rows = [
         ("Body", size),
         ("Electrodes", format!("{}: {shape}", fabrication.electrodes.len())),
-        ("Coat", format!("{:.0} ohm per square", 1.0 / design.sheet.conductance)),
+        ("Coat", format!("{:.0} ohm per square{below}", 1.0 / design.sheet.conductance)),
         ("Patches", patches),
-        ("Readings", format!("{} in a frame", electrical.readings.len())),
+        ("Readings", readings(design)),
         ("Frames", format!("{:.0} a second", electrical.frame_rate_hz())),
     ];
     let rows = rows.into_iter().map(|(what, value)| [what.to_string(), value]);
@@ -57,6 +61,15 @@ pub(super) fn overview(fabrication: &Fabrication) -> Result<Section, FabricateEr
     Ok(section("The skin", text, false))
 }
 
+/// How many readings a frame takes, and how many of them are its values.
+fn readings(design: &SkinDesign) -> String {
+    let (values, drives) = (design.protocol.channel_count(), design.protocol.drives().0.len());
+    format!(
+        "{} in a frame: its {values} values, and the reference resistor once for each of the {drives} drives",
+        values + drives
+    )
+}
+
 pub(super) fn parts(fabrication: &Fabrication) -> Result<Section, FabricateError> {
     let parts = electrical::parts(fabrication)?;
     let row = |one: &electrical::Part| {
@@ -66,7 +79,9 @@ pub(super) fn parts(fabrication: &Fabrication) -> Result<Section, FabricateError
     let text = format!(
         "<p>Quantities are those of the design ({}); add what is cut away and lost. Also needed are silver paste, \
          two-part glue that holds metal in the print, filler, abrasive paper, masking tape, elastic tape, solder, an \
-         ohmmeter, a drill of the bores' size and calipers.</p>\n{}",
+         ohmmeter, a drill of the bores' size and calipers. The reader has no circuit board yet, and its integrated circuits \
+         are for soldering on surfaces: design the board from the table of pins below, or try the circuit on adapter boards \
+         first, with the capacitors on them.</p>\n{}",
         code("tables/parts.csv"),
         table(["Part", "Type", "Quantity", "For"], parts.iter().map(row)).to_html()
     );
@@ -81,7 +96,11 @@ pub(super) fn base(fabrication: &Fabrication) -> Section {
             code("base.3mf"),
             code("base.stl")
         ),
-        "Smooth the outer side: grind it, fill it, grind again. The coat follows every step of the print.".into(),
+        match fabrication.has_membrane() {
+            true => "Grind away what would cut the foam or hold the membrane, above all along the edges.".into(),
+            false => "Smooth the outer side: grind it, fill it, grind again. The coat follows every step of the print."
+                .into(),
+        },
         format!(
             "Clear the {} bores with a drill of {} mm, turned by hand: printed holes come out narrower than drawn.",
             fabrication.electrodes.len(),
@@ -131,15 +150,25 @@ pub(super) fn electrodes(fabrication: &Fabrication) -> Section {
 /// Pins, wires and how they are put in, by the sizes of the design.
 fn electrode_steps(fabrication: &Fabrication) -> [String; 6] {
     let options = &fabrication.options;
-    let pin = electrical::Pin::of(options);
+    let pin = electrical::Pin::of(fabrication);
+    let above = match fabrication.has_membrane() {
+        true => format!("foam and membrane ({} mm) and ", mm(fabrication.coat_height_m())),
+        false => String::new(),
+    };
     let length = match options.channel_depth_m > 0.0 {
-        true => format!("the wall of {} mm less half the depth of a channel, so that wires pass", mm(options.wall_m)),
-        false => format!("the wall of {} mm and room for the solder", mm(options.wall_m)),
+        true => format!(
+            "{above}the wall of {} mm less the depth of a channel. Its upper half is for the solder, which is no wider than the \
+             pin and at most {} mm high; below it the wires pass",
+            mm(options.wall_m),
+            mm(0.5 * options.channel_depth_m)
+        ),
+        false => format!("{above}the wall of {} mm and room for the solder", mm(options.wall_m)),
     };
     let (wire, lay) = match wires(fabrication) {
         Some((wide_m, most)) => (
             format!(
-                "a stranded wire of at most {} mm with its insulation ({}; the fullest channel holds {})",
+                "a wire of at most {} mm with its insulation ({}; check its data sheet; the fullest channel holds {}, with \
+                 a fifth of its room to spare)",
                 decimal(1e3 * wide_m, 2),
                 gauge(wide_m),
                 counted(most, "wire")
@@ -169,22 +198,38 @@ fn electrode_steps(fabrication: &Fabrication) -> [String; 6] {
              will do for the readings: a few mA flow, and a metre of AWG 30 has 0.3 ohm. Leave 0.3 m beyond the edge \
              of the base, or as much as the way to the reader needs."
         ),
-        "Lead the wire through the bore from the outer side, push the pin in until it is flush, and glue it from the inner \
-         side. No glue on its outer face. Let the glue harden as its data sheet says, and grind the face flush."
-            .into(),
+        format!(
+            "Lead the wire through the bore from the outer side, push the pin in until {}, and glue it from the inner side. No \
+             glue on its outer face. Let the glue harden as its data sheet says, and grind the face {}.",
+            if above.is_empty() {
+                "it is flush".into()
+            } else {
+                format!("{} mm stand out", mm(fabrication.coat_height_m()))
+            },
+            if above.is_empty() { "flush" } else { "clean and its edge round: the membrane lies there" }
+        ),
         lay,
         "Mark the free end of each wire with the electrode's label.".into(),
         "Measure from each pin's face to the end of its wire: below 1 ohm. To every other wire: open.".into(),
     ]
 }
 
-/// A gauge of wire whose insulation is thin enough; outer diameters are those of common wires.
+/// Wires by their outer diameter, m: seven strands are three strands wide, and the insulation is on both sides.
+const GAUGES: [(f64, &str); 4] = [
+    (0.78e-3, "stranded, AWG 28: 7 strands of 0.127 mm and 0.2 mm of PVC are 0.78 mm"),
+    (0.60e-3, "stranded, AWG 30: 7 strands of 0.1 mm and 0.15 mm of PTFE are 0.6 mm"),
+    (0.44e-3, "stranded, AWG 32: 7 strands of 0.08 mm and 0.1 mm of PTFE or FEP are 0.44 mm"),
+    (0.25e-3, "stranded, AWG 36: 7 strands of 0.05 mm and 0.05 mm of FEP are 0.25 mm"),
+];
+
+/// The thickest of common wires that is thin enough.
 fn gauge(wide_m: f64) -> &'static str {
-    match wide_m {
-        wide_m if wide_m >= 0.9e-3 => "AWG 28 with thin insulation has about 0.8 mm; check its data sheet",
-        wide_m if wide_m >= 0.6e-3 => "AWG 30 for wire wrapping has about 0.6 mm; check its data sheet",
-        _ => "enamelled copper of 0.2 mm",
-    }
+    // Diameters that differ by rounding are equal.
+    let fits = |one: &&(f64, &str)| one.0 <= wide_m + 1e-9;
+    GAUGES
+        .iter()
+        .find(fits)
+        .map_or("too thin for strands: enamelled copper, which breaks when it is bent often", |one| one.1)
 }
 
 /// A design as an argument of a command: the name of a shipped one, else a file.

@@ -77,7 +77,7 @@ fn every_step_comes_before_what_needs_it() {
     let at = |part: &str| page.find(part).unwrap_or_else(|| panic!("{part}"));
     let order = [
         "2.9 mm in diameter: 0.1 mm less than the bore",
-        "at most 1 mm with its insulation",
+        "at most 0.8 mm with its insulation",
         "tables/neighbours.csv",
         "stick an elastic tape",
         "end B of the reference resistor",
@@ -127,4 +127,57 @@ fn a_coat_whose_conductance_falls_gets_no_fabric() {
     let page = page_of(&SkinDesign::shipped("skin16").unwrap());
     assert!(page.contains("Lay no conductive fabric on it") && !page.contains("Iron a stretchable film"));
     assert!(page_of(&SkinDesign::shipped("cylinder30").unwrap()).contains("Iron a stretchable film"));
+}
+
+/// A coat that works by stretching lies on a membrane over foam, and the pins reach it; one with patches lies on the base.
+#[test]
+fn a_coat_whose_conductance_falls_lies_on_a_membrane() {
+    let membrane =
+        ["3. Membrane and coat", "<td>membrane</td>", "elastic; sprayed on the membrane", "until 2.5 mm stand out"];
+    let page = page_of(&SkinDesign::shipped("skin16").unwrap());
+    for part in membrane {
+        assert!(page.contains(part), "{part}");
+    }
+    // The pin: a wall of 4 mm less the channel's 2 mm, foam of 2 mm, membrane of 0.5 mm.
+    assert!(page.contains("1.9 mm in diameter; 4.5 mm long") && !page.contains("<td>conductive fabric</td>"));
+    let at = |part: &str| page.find(part).unwrap_or_else(|| panic!("{part}"));
+    assert!(["until 2.5 mm stand out", "Cut a membrane", "Spray thin layers", "Lay no conductive"].map(at).is_sorted());
+    let covered = page_of(&SkinDesign::shipped("cylinder30").unwrap());
+    assert!(covered.contains("sprayed on the base") && membrane.iter().all(|part| !covered.contains(part)));
+    // What is not to be cut is not listed so.
+    let files = crate::sheet::files(&Fabrication::new(&SkinDesign::shipped("skin16").unwrap()).unwrap()).unwrap();
+    let of = |path: &str| files.iter().find(|file| file.path == path).unwrap().purpose.as_str();
+    assert!(of("patterns/patches.svg").starts_with("not used") && of("patterns/patches.csv").starts_with("not used"));
+    assert!(of("patterns/foam.svg").contains("below the membrane"));
+}
+
+#[test]
+fn a_membrane_without_foam_is_refused() {
+    let text = SkinDesign::shipped_text("skin16").unwrap().replace("bore_m", "foam_thickness_m = 0.0\nbore_m");
+    let error = Fabrication::new(&SkinDesign::parse(&text, "test.toml").unwrap()).unwrap_err();
+    assert!(error.to_string().contains("nothing stretches") && error.fix().unwrap().contains("0.002"), "{error}");
+}
+
+/// Channels that exceed the range are named in the notes and on the page, with what to do; a skin of which many would gets
+/// a larger reference resistor, for which the firmware's command has a file of its own.
+#[test]
+fn channels_beyond_the_range_of_the_reader_are_named() {
+    let cylinder = Fabrication::new(&SkinDesign::shipped("cylinder30").unwrap()).unwrap();
+    let note = |made: &Fabrication, part: &str| crate::notes(made).into_iter().find(|note| note.contains(part));
+    let said = note(&cylinder, "exceed the range").unwrap();
+    for part in ["3 of the 870 channels", "0.5 V", "289 (E", "3.3 kohm", "`gain = 1.0`"] {
+        assert!(said.contains(part), "{said}");
+    }
+    let own_page = page(&cylinder).unwrap();
+    assert!(
+        own_page.contains("3 of the 870 channels") && own_page.contains("--twin dermis-firmware/boards/reader.toml")
+    );
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../dermis-cli/src/command/new/rectangle.toml");
+    let rectangle = Fabrication::new(&SkinDesign::load(path).unwrap()).unwrap();
+    let said = note(&rectangle, "this skin gets 10 kohm").unwrap();
+    assert!(said.contains("92 of the 380 channels"), "{said}");
+    let page = page(&rectangle).unwrap();
+    assert!(page.contains("reference_ohm = 10000.0") && page.contains("_reader.toml -o dermis-firmware"));
+    assert!(page.contains("<td>10 kohm; 0.1 %; 10 ppm/K</td>"));
+    assert_eq!(note(&Fabrication::new(&SkinDesign::shipped("skin16").unwrap()).unwrap(), "exceed"), None);
 }

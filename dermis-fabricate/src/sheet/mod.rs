@@ -166,7 +166,10 @@ pub fn files(fabrication: &Fabrication) -> Result<Vec<OutputFile>, FabricateErro
     let mut files: Vec<OutputFile> = patterns::sheets(fabrication).iter().flat_map(Sheet::files).collect();
     files.push(OutputFile::new(
         "patterns/patches.csv",
-        "place, area and strain of each patch",
+        match fabrication.has_membrane() {
+            true => "not used: places of fabric patches",
+            false => "place, area and strain of each patch",
+        },
         patch_table(fabrication),
     ));
     Ok(files)

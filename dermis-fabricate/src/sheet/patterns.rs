@@ -89,6 +89,13 @@ fn beside(parts: &[(Outline, &str)], outline: &Outline) -> Vec<Label> {
     parts.iter().zip(&boxes).map(place).collect()
 }
 
+fn patches_purpose(fabrication: &Fabrication) -> &'static str {
+    match fabrication.has_membrane() {
+        true => "not used: this coat gets no fabric patches",
+        false => "fabric patches to cut",
+    }
+}
+
 /// The patches: side by side as they lie on the coat, or in rows where each is laid on by itself. Cut outside their
 /// outlines.
 fn patches(fabrication: &Fabrication) -> Sheet {
@@ -109,15 +116,16 @@ fn patches(fabrication: &Fabrication) -> Sheet {
         outlines.push(outline.grown(0.5 * options.kerf_m));
     }
     let layer = Layer { name: "PATCHES", colour: RED, outlines };
-    sheet(fabrication, "patches", "fabric patches to cut", vec![layer], labels)
+    sheet(fabrication, "patches", patches_purpose(fabrication), vec![layer], labels)
 }
 
 /// The foam: the coat, and on a cylinder the overlap beyond the seam. Glued flat to the patches, its inner face has the
-/// length of the coat.
+/// length of the coat; below a membrane it lies on the base.
 fn foam(fabrication: &Fabrication, coat: &Outline) -> Sheet {
     let outline = with_overlap(fabrication, coat, 0.0).grown(0.5 * fabrication.options.kerf_m);
     let layer = Layer { name: "FOAM", colour: BLUE, outlines: vec![outline] };
-    let purpose = format!("foam to cut, {} mm thick", 1e3 * fabrication.options.foam_thickness_m);
+    let place = if fabrication.has_membrane() { ", below the membrane" } else { "" };
+    let purpose = format!("foam to cut, {} mm thick{place}", 1e3 * fabrication.options.foam_thickness_m);
     sheet(fabrication, "foam", &purpose, vec![layer], Vec::new())
 }
 

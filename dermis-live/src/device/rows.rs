@@ -15,6 +15,8 @@ const FIRST_ROWS: usize = 10;
 const REPORTED_AT_ONCE: usize = 8;
 /// Interval between later reports of wrong rows.
 const REPORT: Duration = Duration::from_secs(1);
+/// Rows farther apart than this would each be a gap to the pipeline, s.
+const GAP_S: f64 = 2.0;
 /// Longest text of a value, bytes; a longer line is no row.
 const VALUE_BYTES: usize = 64;
 
@@ -108,7 +110,11 @@ impl RowReader {
         if self.rectified {
             values_ohm.iter_mut().for_each(|value| *value = value.abs());
         }
-        let measured_at = self.clock.moment(row.time_s, self.next, received_at, &mut self.stream);
+        let (time_s, said) = self.clock.seconds(row.time_s, self.next);
+        if let Some(text) = said {
+            publish(DeviceEvent::Notice(Notice { level: Severity::Warning, text, at: received_at }));
+        }
+        let measured_at = self.clock.moment(time_s, self.next, received_at, &mut self.stream);
         let message = RowMessage { sequence: self.next, values_ohm };
         self.next += 1;
         self.rows += 1;
@@ -214,12 +220,48 @@ struct RowClock {
     rate_hz: Option<f64>,
     /// The rows come as they are measured; otherwise they may come from a file, faster.
     is_live: bool,
+    /// The first time of a row with its number, and the unit of times, s, once they have risen.
+    first: Option<(f64, u64)>,
+    unit_s: Option<f64>,
     /// The first time and its host time.
     anchor: Option<(f64, Timestamp)>,
     last: Timestamp,
 }
 
 impl RowClock {
+    /// The time of a row in seconds, and what is to be said of it once. Boards count seconds, milliseconds or microseconds: the unit
+    /// is that in which the rows come at the stated rate, or else with the longest interval that is no gap. Times that do not rise
+    /// are none.
+    fn seconds(&mut self, time: Option<f64>, number: u64) -> (Option<f64>, Option<String>) {
+        let Some(time) = time else { return (None, None) };
+        if let Some(unit_s) = self.unit_s {
+            return (Some(unit_s * time), None);
+        }
+        let Some((first, first_number)) = self.first else {
+            self.first = Some((time, number));
+            return (Some(time), None);
+        };
+        let is_second = number == first_number + 1;
+        let step = (time - first) / (number - first_number) as f64;
+        if step <= 0.0 {
+            let text = "the times of its first rows do not rise: they are left out until they do";
+            return (None, is_second.then(|| text.into()));
+        }
+        let distance = |unit_s: &f64| match self.rate_hz {
+            Some(rate_hz) => (unit_s * step * rate_hz).ln().abs(),
+            None if unit_s * step <= GAP_S => -unit_s,
+            None => unit_s * step,
+        };
+        let unit_s = [1.0, 1e-3, 1e-6].into_iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(1.0);
+        self.unit_s = Some(unit_s);
+        self.anchor = self.anchor.filter(|_| is_second).map(|(_, at)| (unit_s * first, at));
+        let names = if unit_s == 1e-3 { "milliseconds" } else { "microseconds" };
+        let hz = 1.0 / (unit_s * step);
+        let text =
+            format!("the times of its rows rise by {step} a row: they are taken for {names}, {hz:.0} rows a second");
+        (Some(unit_s * time), (unit_s < 1.0).then_some(text))
+    }
+
     /// The host time of a row: from its time or number, else when it was received.
     fn moment(&mut self, time_s: Option<f64>, number: u64, received_at: Timestamp, stream: &mut Stream) -> Timestamp {
         let Some(time_s) = time_s.or(self.rate_hz.map(|rate_hz| number as f64 / rate_hz)) else {
@@ -327,5 +369,20 @@ mod tests {
         assert_eq!(read(1).len(), 6);
         assert!(read(1)[4].ends_with("(too long)"));
         assert!((1..60).all(|size| read(size) == read(1)));
+    }
+
+    #[test]
+    fn times_are_seconds_unless_rows_are_then_gaps_apart_or_at_another_rate() {
+        let unit = |rate_hz: Option<f64>, times: [f64; 3]| {
+            let mut clock = RowClock { rate_hz, ..RowClock::default() };
+            let read: Vec<_> = (0..).zip(times).map(|(number, time)| clock.seconds(Some(time), number)).collect();
+            (read[2].0, read.iter().filter(|(_, said)| said.is_some()).count())
+        };
+        assert_eq!(unit(None, [7.0, 7.05, 7.1]), (Some(7.1), 0));
+        assert_eq!(unit(None, [0.0, 1.5, 3.0]), (Some(3.0), 0));
+        assert_eq!(unit(None, [1203.0, 1253.0, 1303.0]), (Some(1.303), 1));
+        assert_eq!(unit(None, [5e6, 5.05e6, 5.1e6]), (Some(5.1), 1));
+        assert_eq!(unit(Some(800.0), [0.0, 1.0, 3.0]), (Some(0.003), 1));
+        assert_eq!(unit(Some(20.0), [4.0, 4.0, 4.0]), (None, 1));
     }
 }

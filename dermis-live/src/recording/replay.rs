@@ -226,6 +226,11 @@ impl Replay {
         &self.reader.recording.session
     }
 
+    /// Whether the file is complete; known after all of it was read.
+    pub fn is_whole(&self) -> bool {
+        self.reader.recording.is_whole()
+    }
+
     /// The next frame or command; `None` at the end.
     ///
     /// # Errors

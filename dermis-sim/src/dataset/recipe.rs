@@ -3,6 +3,7 @@
 use crate::dataset::DatasetError;
 use crate::twin::{CoatOptions, ElectrodeOptions, FORCES_N, PatchOptions, TIP_RADII_M, TouchOptions, TwinOptions};
 use dermis::design::{SkinDesign, TouchEffect};
+use dermis::files::exactly;
 use dermis::files::{MAX_SETTINGS_BYTES, read_text_at_most};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -44,8 +45,10 @@ pub struct SkinSpread {
     pub electrodes: ElectrodeOptions,
     /// The patches of a skin, for touches that are presses: minimum and maximum number of rows, uniformly distributed
     /// (the pitch follows from it); the grid's offset is uniform over a pitch.
+    #[serde(deserialize_with = "exactly")]
     pub patch_rows: [usize; 2],
     /// Columns, in the same way.
+    #[serde(deserialize_with = "exactly")]
     pub patch_columns: [usize; 2],
 }
 
@@ -103,6 +106,7 @@ pub struct Together {
     pub share: f64,
     /// Minimum and maximum distance from it, m; uniform between. A press that would be off the body is placed at
     /// random.
+    #[serde(deserialize_with = "exactly")]
     pub distance_m: [f64; 2],
 }
 
@@ -113,8 +117,10 @@ pub struct PatchTouches {
     /// A sample has 1 to this many presses, uniformly distributed.
     pub most: usize,
     /// Lowest and highest force, N; uniform in its logarithm between.
+    #[serde(deserialize_with = "exactly")]
     pub force_n: [f64; 2],
     /// Lowest and highest radius of the tip, m; uniform between.
+    #[serde(deserialize_with = "exactly")]
     pub tip_radius_m: [f64; 2],
     /// The patches; on random skins their rows, columns and offset differ.
     pub patches: PatchOptions,
@@ -176,8 +182,10 @@ pub struct GaussianTouches {
     /// A sample has 1 to this many touches, uniformly distributed.
     pub most: usize,
     /// Lowest and highest width `w` (standard deviation along the surface), m; uniform between.
+    #[serde(deserialize_with = "exactly")]
     pub width_m: [f64; 2],
     /// Lowest and highest amplitude `A`, the relative change in the centre; uniform in its logarithm between.
+    #[serde(deserialize_with = "exactly")]
     pub amplitude: [f64; 2],
 }
 

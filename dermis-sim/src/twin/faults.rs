@@ -4,6 +4,7 @@ use super::TwinError;
 use super::electronics::{out_of_range, positive};
 use crate::elementary::unrolled;
 use dermis::design::{Body, SkinDesign};
+use dermis::files::exactly;
 use dermis::forward::ElectrodeNetwork;
 use dermis::geom::{Point2, Point3, Surface};
 use dermis::mesh::{Cells, Mesh};
@@ -37,6 +38,7 @@ pub struct FaultOptions {
 #[serde(deny_unknown_fields)]
 pub struct ShortOptions {
     /// Their electrodes, by number.
+    #[serde(deserialize_with = "exactly")]
     pub electrodes: [usize; 2],
     /// Resistance between them, ohm.
     pub ohm: f64,
@@ -57,8 +59,10 @@ pub struct ReferenceOptions {
 #[serde(deny_unknown_fields)]
 pub struct CutOptions {
     /// Start point, m: (z, s = radius * theta) on a cylinder, (x, y) on a flat skin.
+    #[serde(deserialize_with = "exactly")]
     pub from_m: [f64; 2],
     /// End point, m.
+    #[serde(deserialize_with = "exactly")]
     pub to_m: [f64; 2],
 }
 

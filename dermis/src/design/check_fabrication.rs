@@ -4,8 +4,8 @@ use crate::design::check::{Problem, millimetres, problem};
 use crate::design::fabrication::closest_bores;
 use crate::design::resolve::Place;
 use crate::design::{Body, FabricationOptions, SheetKind, SkinDesign};
+use crate::geom::beyond_a_turn;
 use crate::protocol::MultiplexerInput;
-use std::f64::consts::PI;
 
 /// Largest wall, bore, channel, flange, pitch, foam, kerf or overlap, m: larger ones are in another unit than metres.
 const LARGEST_M: f64 = 1.0;
@@ -62,9 +62,8 @@ fn sizes(options: &FabricationOptions) -> Result<(), Problem> {
             return Err(wrong(key, message).fix("a spread is relative: 0.2 is 20 %"));
         }
     }
-    if !options.seam_theta_rad.is_finite() || options.seam_theta_rad.abs() > 2.0 * PI {
-        let message = format!("seam_theta_rad is {}: it must be between -2 pi and 2 pi", options.seam_theta_rad);
-        return Err(wrong("seam_theta_rad", message).fix("angles are in radians"));
+    if let Some(message) = beyond_a_turn("seam_theta_rad", options.seam_theta_rad) {
+        return Err(wrong("seam_theta_rad", message));
     }
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! The tables and keys of a design file (TOML), before they are checked.
 
+use crate::files::exactly;
 #[cfg(feature = "schema")]
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Deserializer};
@@ -23,21 +24,39 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for At<T> {
     }
 }
 
-#[cfg(feature = "schema")]
-impl<T: JsonSchema> JsonSchema for At<T> {
-    fn schema_name() -> Cow<'static, str> {
-        T::schema_name()
-    }
-    fn schema_id() -> Cow<'static, str> {
-        T::schema_id()
-    }
-    fn inline_schema() -> bool {
-        T::inline_schema()
-    }
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        T::json_schema(generator)
+/// A list of fixed length. (Read as an array alone, a longer list would lose what is too much.)
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Exactly<T>(pub T);
+
+impl<'de, T: Deserialize<'de>, const N: usize> Deserialize<'de> for Exactly<[T; N]> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        exactly(deserializer).map(Exactly)
     }
 }
+
+#[cfg(feature = "schema")]
+macro_rules! schema_of_inner {
+    ($wrapper:ident) => {
+        impl<T: JsonSchema> JsonSchema for $wrapper<T> {
+            fn schema_name() -> Cow<'static, str> {
+                T::schema_name()
+            }
+            fn schema_id() -> Cow<'static, str> {
+                T::schema_id()
+            }
+            fn inline_schema() -> bool {
+                T::inline_schema()
+            }
+            fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+                T::json_schema(generator)
+            }
+        }
+    };
+}
+#[cfg(feature = "schema")]
+schema_of_inner!(At);
+#[cfg(feature = "schema")]
+schema_of_inner!(Exactly);
 
 /// A skin: its body, its sheet, its electrodes, its protocol and its image. Lengths are in metres, angles in radians.
 #[derive(Debug, Deserialize)]
@@ -91,7 +110,7 @@ pub(super) enum BodyTable {
     /// positions on it have x_m, y_m and z_m; its electrodes are discs or points.
     Polygon {
         /// Its corners in order, [x, y], m; in either direction.
-        corners_m: At<Vec<[f64; 2]>>,
+        corners_m: At<Vec<Exactly<[f64; 2]>>>,
     },
     /// A mesh file: Gmsh .msh, STL, OBJ or PLY.
     Mesh {
@@ -141,9 +160,9 @@ pub(super) struct RegionTable {
     /// Conductivity in the region, S/m; in place of the sheet resistance.
     pub conductivity_s_per_m: Option<At<f64>>,
     /// Lower corner of a box, m: (z, s = radius * theta) on a cylinder, (x, y) on a flat skin.
-    pub low_m: Option<At<[f64; 2]>>,
+    pub low_m: Option<At<Exactly<[f64; 2]>>>,
     /// Upper corner of the box, m.
-    pub high_m: Option<At<[f64; 2]>>,
+    pub high_m: Option<At<Exactly<[f64; 2]>>>,
 }
 
 /// One number for all, or a list with one for each.
@@ -341,7 +360,7 @@ pub(super) enum PatternTable {
         with_driven: bool,
     },
     /// A list with the four electrodes of each value: [drive_source, drive_sink, measure_plus, measure_minus].
-    Channels(Vec<[usize; 4]>),
+    Channels(Vec<Exactly<[usize; 4]>>),
     /// A channel table (CSV: channel,drive_source,drive_sink,measure_plus,measure_minus; or with the columns a, b, m and n of
     /// geophysics) or the scan table of another design, relative to the folder of the design.
     Table(PathBuf),

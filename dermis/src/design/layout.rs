@@ -5,7 +5,7 @@ use crate::design::file::{At, Corner, ElectrodesTable, LayoutTable, PositionTabl
 use crate::design::outline::Outline;
 use crate::design::resolve::Source;
 use crate::design::{Body, ElectrodeShape, rim};
-use crate::geom::Point3;
+use crate::geom::{Point3, beyond_a_turn};
 use std::f64::consts::TAU;
 use std::ops::Range;
 
@@ -42,6 +42,7 @@ pub(super) fn places(source: &Source<'_>, ground: &Ground<'_>, table: &Electrode
         source.fail(Some(span.clone()), message, Some("a list of `positions` fits every body".into()))
     };
     let optional = |at: &Option<At<f64>>| at.as_ref().map_or(0.0, |at| at.value);
+    check_angles(source, &table.layout.value)?;
     let centres = match (&table.layout.value, body) {
         (
             LayoutTable::Rings { rings, per_ring, spacing_m, first_z_m, first_theta_rad, stagger },
@@ -91,6 +92,26 @@ pub(super) fn places(source: &Source<'_>, ground: &Ground<'_>, table: &Electrode
         return Err(group_without_groups(source, &table.shape.span));
     }
     Ok(centres.into_iter().map(|centre: Point3| (centre, shape)).collect())
+}
+
+/// Refuses angles of more than one turn, and steps of a stagger of more than one step.
+fn check_angles(source: &Source<'_>, layout: &LayoutTable) -> Result<(), DesignError> {
+    let (LayoutTable::Rings { first_theta_rad, .. } | LayoutTable::Rim { first_theta_rad, .. }) = layout else {
+        return Ok(());
+    };
+    if let Some(at) = first_theta_rad
+        && let Some(wrong) = beyond_a_turn("first_theta_rad", at.value)
+    {
+        return Err(source.fail(Some(at.span.clone()), wrong, None));
+    }
+    if let LayoutTable::Rings { stagger: Some(at), .. } = layout
+        && !(-1.0..=1.0).contains(&at.value)
+    {
+        let message = format!("stagger is {}: it must be between -1 and 1", at.value);
+        let fix = "it is a part of the angle between two electrodes of a ring: 0.5 is half of it".to_string();
+        return Err(source.fail(Some(at.span.clone()), message, Some(fix)));
+    }
+    Ok(())
 }
 
 /// The positions of electrodes along an edge; else what is wrong with the keys, and the fix.
@@ -181,6 +202,9 @@ fn positions(
 fn centre_m(ground: &Ground<'_>, position: &PositionTable) -> Result<Point3, (String, Option<&'static str>)> {
     let PositionTable { x_m, y_m, z_m, theta_rad, along_edge_m, .. } = *position;
     let is_flat = ground.outline.is_some() || matches!(ground.body, Body::Disk { .. } | Body::Rectangle { .. });
+    if let Some(wrong) = theta_rad.and_then(|angle_rad| beyond_a_turn("theta_rad", angle_rad)) {
+        return Err((wrong, None));
+    }
     Ok(match (ground.body, x_m, y_m, z_m, theta_rad, along_edge_m) {
         (&Body::Cylinder { length_m, diameter_m }, None, None, Some(z_m), Some(theta_rad), None) => {
             on_cylinder(length_m, diameter_m, z_m, theta_rad)

@@ -240,7 +240,7 @@ impl Source<'_> {
         let wrong = |(message, fix): (String, &str)| {
             self.fail(Some(corners_m.span.clone()), format!("corners_m: {message}"), Some(fix.to_string()))
         };
-        Outline::new(&corners_m.value).map(Some).map_err(wrong)
+        Outline::new(&corners_m.value.iter().map(|corner| corner.0).collect::<Vec<_>>()).map(Some).map_err(wrong)
     }
 
     fn body(&self, table: &BodyTable, outline: Option<&Outline>) -> Body {
@@ -277,7 +277,7 @@ impl Source<'_> {
                 return Err(self.fail(Some(span.clone()), message, Some("give both the same key".into())));
             }
             let place = match (&region.low_m, &region.high_m) {
-                (Some(low), Some(high)) => RegionPlace::Box { low_m: low.value, high_m: high.value },
+                (Some(low), Some(high)) => RegionPlace::Box { low_m: low.value.0, high_m: high.value.0 },
                 (None, None) => RegionPlace::Group,
                 _ => {
                     let message = format!("{what} has only one corner of its box");
@@ -401,7 +401,7 @@ impl Source<'_> {
                 Protocol::distances(electrode_count, [drive, measure.unwrap_or(1)], driven)
             }
             PatternTable::Channels(rows) => {
-                let rows: Vec<_> = rows.iter().copied().enumerate().collect();
+                let rows: Vec<_> = rows.iter().map(|row| row.0).enumerate().collect();
                 let channels = numbered(&rows, electrode_count, first.unwrap_or(0)).map_err(|(index, message)| {
                     self.fail(Some(table.pattern.span.clone()), format!("row {index} of `channels` {message}"), None)
                 })?;

@@ -218,6 +218,34 @@ fn a_rectangle_with_a_list_of_electrodes_and_a_region() {
     assert!(error("high_m = [0.1, 0.1]", "high_m = [0.1, -0.1]").contains("region `stripe`"));
     assert!(error("high_m = [0.1, 0.1]", "").contains("only one corner"));
     assert!(error("sheet_resistance_ohm = 2000", "conductivity_s_per_m = 1").contains("different quantities"));
+    let long = error("low_m = [0.05, 0.0]", "low_m = [0.05, 0.0, 0.0]");
+    assert!(long.starts_with("designs/flat.toml:") && long.contains("the list has 3 values, not 2"), "{long}");
+    let numbered = error("pattern = \"adjacent\"", "pattern.channels = [[0, 0, 1, 2, 3], [1, 1, 2, 3, 0]]");
+    assert!(numbered.contains("the list has 5 values, not 4"), "{numbered}");
+}
+
+#[test]
+fn angles_are_at_most_a_turn() {
+    let [disk, tube] = ["[body.disk]\ndiameter_m = 0.1", "[body.cylinder]\nlength_m = 0.3\ndiameter_m = 0.1"];
+    let error = |body: &str, layout: &str| {
+        let text = format!(
+            "{body}\n[sheet]\nsheet_resistance_ohm = 500\ntouch = \"conductance_falls\"\n[electrodes]\nshape = \"point\"\n\
+             contact_impedance_ohm_m2 = 1e-5\n{layout}\n[protocol]\npattern = \"adjacent\"\n"
+        );
+        SkinDesign::parse(&text, "angles.toml").err().map(|error| error.to_string()).unwrap_or_default()
+    };
+    let rings = "layout.rings = { rings = 3, per_ring = 4, spacing_m = 0.1, ";
+    for (body, layout, word) in [
+        (disk, "layout.rim = { count = 8, first_theta_rad = 90.0 }".to_string(), "write 1.5708"),
+        (disk, "layout.rim = { count = 8, first_theta_rad = nan }".to_string(), "first_theta_rad"),
+        (tube, format!("{rings}first_theta_rad = 30.0 }}"), "write 0.5236"),
+        (tube, format!("{rings}stagger = 18.0 }}"), "between -1 and 1"),
+        (disk, "layout.positions = [{ theta_rad = 0.0 }, { theta_rad = 22.5 }, { theta_rad = 45.0 }, { theta_rad = 90.0 }]".into(), "electrode 1"),
+    ] {
+        let error = error(body, &layout);
+        assert!(error.contains(word) && error.starts_with("angles.toml:"), "{layout}: {error}");
+    }
+    assert_eq!(error(disk, "layout.rim = { count = 8, first_theta_rad = -6.2831853 }"), "");
 }
 
 /// The centres of a flat skin's electrodes, in mm rounded to a thousandth, or the error.

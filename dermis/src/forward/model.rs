@@ -2,9 +2,9 @@
 
 use super::assembly::Assembly;
 use super::{ElectrodeNetwork, ForwardError, ModelFamily};
-use crate::design::{RegionPlace, SkinDesign};
+use crate::design::SkinDesign;
 use crate::frame::Frame;
-use crate::geom::{Chart, Point3};
+use crate::geom::Point3;
 use crate::linalg::{Factor, Matrix, NotPositiveDefinite, Symbolic, Workspace};
 use crate::mesh::{ElectrodePatch, Mesh};
 use crate::protocol::Protocol;
@@ -356,27 +356,8 @@ impl Solver {
 /// sheet (S on surfaces, S/m in volumes).
 pub fn rest_conductivity(design: &SkinDesign, mesh: &Mesh) -> Vec<f64> {
     let mut values = vec![design.sheet.conductance; mesh.cell_count()];
-    let chart = Chart::of(&design.body.surface());
     for region in &design.sheet.regions {
-        match region.place {
-            RegionPlace::Group => {
-                let groups = mesh.regions.iter().filter(|(name, _)| *name == region.name);
-                for &cell in groups.flat_map(|(_, cells)| cells) {
-                    values[cell] = region.conductance;
-                }
-            }
-            RegionPlace::Box { low_m, high_m } => {
-                for (cell, value) in values.iter_mut().enumerate() {
-                    let mut place = chart.unroll(mesh.cell_centre(cell));
-                    if chart.period_m().is_some() {
-                        place.reverse();
-                    }
-                    if (0..2).all(|axis| (low_m[axis]..=high_m[axis]).contains(&place[axis])) {
-                        *value = region.conductance;
-                    }
-                }
-            }
-        }
+        mesh.cells_of(design, region).into_iter().for_each(|cell| values[cell] = region.conductance);
     }
     values
 }

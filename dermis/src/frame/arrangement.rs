@@ -1,7 +1,7 @@
 //! Frames as boards and programs arrange them in tables.
 
-use crate::frame::lines::ColumnName;
-use crate::frame::{Table, csv};
+use crate::frame::Table;
+use crate::frame::names::{ColumnName, by_number};
 use crate::protocol::{Channel, Protocol};
 use crate::text::counted;
 
@@ -28,8 +28,36 @@ pub(super) fn frames_in_rows(table: Table, protocol: &Protocol) -> Result<Table,
         )),
         (Some(joined), false) => Ok(joined),
         (None, true) => transposed(table),
-        (None, false) => Ok(chosen(&table, protocol).unwrap_or(table)),
+        (None, false) => match chosen(&table, protocol) {
+            Some(chosen) => Ok(chosen),
+            None => wrong_width(table, protocol),
+        },
     }
+}
+
+/// A table that has no arrangement of frames.
+///
+/// # Errors
+/// Rows whose length is that of some arrangement, but not their values.
+fn wrong_width(table: Table, protocol: &Protocol) -> Result<Table, String> {
+    let (drives, electrodes, channels) = (drives(protocol), protocol.electrode_count(), protocol.channel_count());
+    let (rows, width) = (table.rows.len(), table.rows[0].len());
+    let are_drives = drives.len() > 1 && rows > 1 && rows.is_multiple_of(drives.len());
+    if (drives.len() > 1 && width == drives.len() * electrodes && width != 2 * channels)
+        || (are_drives && width == electrodes)
+    {
+        return Err(format!(
+            "too many values: {}, but frames of this protocol have {channels}: they may be those between all neighbouring \
+             electrodes, but do not add up to zero for each drive, as amplitudes: leave the pairs with driven electrodes out",
+            if width == electrodes { drives.len() * width } else { width }
+        ));
+    }
+    if are_drives && drives.iter().all(|channels| channels.len() + 1 == width) {
+        return Err(format!(
+            "rows of {width} values, one more than a drive has: if the first is the drive's number, count from 0 or 1 in each frame"
+        ));
+    }
+    Ok(table)
 }
 
 fn drives(protocol: &Protocol) -> Vec<&[Channel]> {
@@ -39,11 +67,23 @@ fn drives(protocol: &Protocol) -> Vec<&[Channel]> {
 /// Frames from rows of one drive each, if these can be that: the measures of the protocol, or all neighbouring pairs.
 ///
 /// # Errors
-/// Lines between the rows that show that rows are missing.
+/// Rows that are missing, by their number or by lines between them.
 fn joined(table: &Table, protocol: &Protocol) -> Result<Option<Table>, String> {
     let (drives, width) = (drives(protocol), table.rows[0].len());
-    if width < 2 || drives.len() < 2 || !table.rows.len().is_multiple_of(drives.len()) {
+    let are_measures = drives.iter().all(|channels| channels.len() == width);
+    let rows = table.rows.len();
+    if width < 2 || drives.len() < 2 {
         return Ok(None);
+    }
+    if !rows.is_multiple_of(drives.len()) {
+        return match are_measures && rows > drives.len() {
+            true => Err(format!(
+                "{} of {width} values, one drive each, are no whole number of frames of {}: mend or remove the frame that lacks some",
+                counted(rows, "row"),
+                counted(drives.len(), "row"),
+            )),
+            false => Ok(None),
+        };
     }
     let blocks: Vec<&[usize]> = table.file_rows.chunk_by(|a, b| b - a == 1).collect();
     let is_whole = |block: &&&[usize]| block.len().is_multiple_of(drives.len());
@@ -63,7 +103,7 @@ fn joined(table: &Table, protocol: &Protocol) -> Result<Option<Table>, String> {
         rows: table.rows.chunks(drives.len()).map(<[Vec<f64>]>::concat).collect(),
         file_rows: table.file_rows.iter().copied().step_by(drives.len()).collect(),
     };
-    Ok(if drives.iter().all(|channels| channels.len() == width) { Some(whole) } else { chosen(&whole, protocol) })
+    Ok(if are_measures { Some(whole) } else { chosen(&whole, protocol) })
 }
 
 /// Rows of one drive each without a first column of the drives' numbers, which count from 0 or 1 in each frame.
@@ -72,7 +112,9 @@ fn joined(table: &Table, protocol: &Protocol) -> Result<Option<Table>, String> {
 /// A number that does not follow the one before.
 fn without_drive_numbers(mut table: Table, protocol: &Protocol) -> Result<Table, String> {
     let drives = drives(protocol);
-    let has_one_more = drives.len() > 1 && drives.iter().all(|channels| channels.len() + 1 == table.rows[0].len());
+    let width = table.rows[0].len();
+    let are_measures = |channels: &&[Channel]| channels.len() + 1 == width || protocol.electrode_count() + 1 == width;
+    let has_one_more = drives.len() > 1 && drives.iter().all(are_measures);
     let first = table.rows[0][0];
     let is_number = |row: &Vec<f64>| row[0].fract() == 0.0 && (0.0..=drives.len() as f64).contains(&row[0]);
     if !has_one_more || !(first == 0.0 || first == 1.0) || !table.rows.iter().all(is_number) {
@@ -90,14 +132,26 @@ fn without_drive_numbers(mut table: Table, protocol: &Protocol) -> Result<Table,
     Ok(table)
 }
 
-/// A row for each column. A first column of channel numbers is dropped.
+/// A row for each column. A first column of channel numbers, which may have any order, is obeyed and dropped.
+///
+/// # Errors
+/// A first column that is named as that and is not; columns of whole numbers.
 fn transposed(mut table: Table) -> Result<Table, String> {
-    let first = table.rows.iter().map(|row| row[0]);
+    let whole = |row: &Vec<f64>| (row[0] >= 0.0 && row[0].fract() == 0.0).then_some(row[0] as usize);
+    let numbers: Option<Vec<usize>> = table.rows.iter().map(whole).collect();
+    let order = numbers.and_then(|numbers| by_number(numbers.into_iter(), table.rows.len()));
     let name = table.header.as_ref().and_then(|header| header.first());
-    let is_numbered = csv::counts(first.collect::<Vec<_>>().into_iter())
-        || name.is_some_and(|name| ColumnName::of(name) == ColumnName::RowNumbers || name == "channel");
-    if is_numbered && table.rows[0].len() > 1 {
-        table.rows.iter_mut().for_each(|row| _ = row.remove(0));
+    let is_number =
+        |name: &&String| ColumnName::of(name) == ColumnName::RowNumbers || name.eq_ignore_ascii_case("channel");
+    match (order, name.filter(is_number)) {
+        _ if table.rows[0].len() == 1 => {}
+        (Some(order), _) => table.rows = order.iter().map(|&row| table.rows[row][1..].to_vec()).collect(),
+        (None, Some(name)) => {
+            return Err(format!(
+                "the first column, `{name}`, must have the number of each channel once, from 0 or 1, as there is a row for each"
+            ));
+        }
+        (None, None) => {}
     }
     let width = table.rows[0].len();
     let column = |index: usize| -> Vec<f64> { table.rows.iter().map(|row| row[index]).collect() };
@@ -159,21 +213,34 @@ mod tests {
         assert_eq!(frames(3, 40), table(3, 40).rows, "a frame in each row");
         assert_eq!(frames(3, 41), table(3, 41).rows, "with a column of times");
         assert_eq!(frames(16, 5), table(2, 40).rows, "a drive in each row");
-        assert_eq!(frames(7, 5), table(7, 5).rows, "no whole frame: refused later");
+        let mut numbered = table(16, 6);
+        numbered.rows.iter_mut().enumerate().for_each(|(row, values)| values[0] = (row % 8) as f64);
+        assert_eq!(read(numbered).unwrap().rows.len(), 2, "with the drive's number");
+        assert_eq!(frames(1, 5), table(1, 5).rows, "no whole frame: refused later");
         // Voltages between potentials: a row of all pairs, and a row of them for each drive.
         let mut rings = table(8, 8);
         let potential = |drive: usize, electrode: usize| ((3 * drive + 1) as f64 * electrode as f64).sin();
         let voltage = |drive, m| potential(drive, m) - potential(drive, (m + 1) % 8);
         rings.rows = (0..8).map(|drive| (0..8).map(|m| voltage(drive, m)).collect()).collect();
         let one_row = Table { rows: vec![rings.rows.concat()], file_rows: vec![1], header: None };
-        for whole in [rings, one_row] {
+        let mut numbered = rings.clone();
+        numbered.rows.iter_mut().enumerate().for_each(|(drive, row)| row.insert(0, 1.0 + drive as f64));
+        for whole in [rings, numbered, one_row] {
             let frames = read(whole).unwrap().rows;
             // Of drive 0 (electrodes 0, 1) the measures 2 to 6, of drive 1 the measures 3 to 7.
             assert_eq!((frames.len(), frames[0].len()), (1, 40));
             assert_eq!((frames[0][0], frames[0][5]), (voltage(0, 2), voltage(1, 3)));
         }
-        // Twice as many values as channels, not around a ring, are none of this.
-        assert_eq!(frames(1, 64), table(1, 64).rows);
+        // Amplitudes are not around a ring; a frame lacks a row; numbers of drives in another way.
+        for (rows, width, message) in [
+            (1, 64, "too many values: 64, but frames of this protocol have 40"),
+            (16, 8, "leave the pairs with driven electrodes out"),
+            (15, 5, "15 rows of 5 values, one drive each, are no whole number of frames of 8 rows"),
+            (16, 6, "count from 0 or 1 in each frame"),
+        ] {
+            let error = read(table(rows, width)).unwrap_err();
+            assert!(error.contains(message), "{error}");
+        }
     }
 
     #[test]
@@ -185,7 +252,14 @@ mod tests {
         // A first column of channel numbers.
         let mut numbered = table(40, 3);
         numbered.rows.iter_mut().enumerate().for_each(|(channel, row)| row[0] = channel as f64);
-        assert_eq!(read(numbered).unwrap().rows.len(), 2);
+        assert_eq!(read(numbered.clone()).unwrap().rows.len(), 2);
+        // In another order; and twice the same.
+        let expected = read(numbered.clone()).unwrap().rows;
+        numbered.rows.swap(3, 30);
+        assert_eq!(read(numbered.clone()).unwrap().rows, expected);
+        numbered.header = Some(["channel", "a", "b"].map(String::from).into());
+        numbered.rows[5][0] = 7.0;
+        assert!(read(numbered).unwrap_err().contains("`channel`, must have the number of each channel once"));
         // Five frames as columns, or five with one drive in each row.
         assert!(read(table(40, 5)).unwrap_err().contains("frames as columns, or 5 frames"));
         // A list of electrodes and values; decimal commas.

@@ -2,6 +2,7 @@
 
 use crate::frame::TableError;
 use crate::frame::complex::{Part, complex, without_part};
+use crate::frame::names::{ColumnName, fitted};
 use crate::frame::table::{MAX_VALUES, are_times};
 use crate::frame::text::{decode, has_decimal_commas, values_of};
 use std::io::Write;
@@ -18,9 +19,10 @@ pub(super) struct Rows {
 /// Reads rows of numbers, separated by semicolons (then with decimal points or commas), by commas, by tabs, or by spaces. Empty
 /// lines, comments, dates and times of day before the values and a separator at the end of every row are skipped.
 ///
-/// The first row is a header if none of its fields is a number, if its first field is not a number and the others
-/// number the columns (0, 1, 2, ... or 1, 2, 3, ...), or if it numbers exactly `columns` columns, as pandas writes
-/// them. A byte-order mark and carriage returns are ignored. An empty field is `NaN` where `columns` are known, else an error.
+/// The first row is a header if its fields are names, if its first field is a name and the others number the columns
+/// (0, 1, 2, ... or 1, 2, 3, ...), or if it numbers exactly `columns` columns, as pandas writes them. Where `columns` are known,
+/// names before the values (`ch0:1.5`) and names in the comment above the first row, one for each value, are a header too. A
+/// byte-order mark and carriage returns are ignored. An empty field is `NaN` where `columns` are known, else an error.
 /// Of complex numbers the `part` is read; a first column of real numbers alone stays as it is.
 pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>, part: Option<Part>) -> Result<Rows, TableError> {
     let of_file = |message: String| TableError::File { path: path.to_path_buf(), message };
@@ -46,6 +48,14 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>, part: Opti
     if ends_empty(&lines, separator, columns) && !lines.first().is_some_and(|(_, row)| is_named(row)) {
         lines.iter_mut().for_each(|(_, line)| *line = line.strip_suffix(separator).unwrap_or(line));
         header = header.map(|line| line.strip_suffix(separator).unwrap_or(line));
+    }
+    if part.is_some()
+        && separator == ','
+        && lines.first().is_some_and(|(_, line)| have_cut_decimals(&split(line, separator)))
+    {
+        let message =
+            "the decimal commas stand between commas: separate the values by semicolons, or put them in quotes";
+        return Err(of_file(message.into()));
     }
     let complex_count = part.map_or(0, |_| count_complex(&lines, separator));
     let is_real =
@@ -74,12 +84,81 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>, part: Opti
     };
     let values = lines.first().map_or(usize::MAX, |(_, line)| fields(line));
     let unnamed = |header: &str| fields(header).saturating_sub(values).min(without_values);
-    let named = |line: &str| -> Vec<String> { split(line, separator).into_iter().map(name).collect() };
-    Ok(Rows {
-        header: header.map(|line| named(line).split_off(unnamed(line))),
-        rows: rows?,
-        is_complex: complex_count > 0,
-    })
+    let mut header = header.map(|line| names(line, separator).split_off(unnamed(line)));
+    if let Some(columns) = columns {
+        let comment = || commented_header(text, &lines, separator, columns);
+        header = names_in_cells(&lines, separator, path)?.or(header).or_else(comment);
+    }
+    let is_numbered = || are_row_names(&lines, separator, columns.is_some());
+    let header = header.map(|header| fitted(header, values, is_numbered));
+    Ok(Rows { header, rows: rows?, is_complex: complex_count > 0 })
+}
+
+/// The names in the comment above the first row, if they are as many as its values: `numpy.savetxt` writes headers as comments.
+/// Row numbers and times before the channels need no name.
+fn commented_header(text: &str, rows: &[(usize, &str)], separator: char, columns: usize) -> Option<Vec<String>> {
+    let &(row, values) = rows.first()?;
+    let values = split(values, separator).len();
+    let above = text.lines().take(row - 1).filter(|line| !line.trim().is_empty()).last()?;
+    let line = above.trim().trim_start_matches(['#', '%', '/']).trim_start_matches(' ');
+    // It may have another separator than the values.
+    let of_names = self::separator(std::iter::once(line));
+    let mut header = fitted(names(line, of_names), values, || false);
+    if !is_skipped(above) || !is_header(line, of_names, Some(columns)) || header.len() != values {
+        return None;
+    }
+    if values == columns + 1 && ColumnName::of(&header[0]) == ColumnName::Other && have_row_numbers(rows, separator) {
+        header[0].clear();
+    }
+    Some(header)
+}
+
+/// The names before the values, which are those of each row, if all but the first value have one.
+///
+/// # Errors
+/// A row with other names than the first.
+fn names_in_cells(lines: &[(usize, &str)], separator: char, path: &Path) -> Result<Option<Vec<String>>, TableError> {
+    let names = |line: &str| -> Option<Vec<String>> {
+        // Most files have no names, and need not be split again.
+        let fields = if line.contains(':') { split(line, separator) } else { return None };
+        let name = |field: &&str| named_value(field).map(|(name, _)| name.trim().to_string()).unwrap_or_default();
+        let names: Vec<String> = fields.iter().map(name).collect();
+        (names.len() > 1 && !names[1..].iter().any(String::is_empty)).then_some(names)
+    };
+    let first = lines.first().and_then(|(_, line)| names(line));
+    match lines.iter().find(|(_, line)| names(line) != first) {
+        Some(&(row, _)) => {
+            let message =
+                "its values have other names than those of the first row: write each value below its name".into();
+            Err(TableError::Cell { path: path.to_path_buf(), row, column: None, message })
+        }
+        None => Ok(first),
+    }
+}
+
+/// Whether the first fields of rows are their names: in quotes, as R writes them, or in frames row numbers or times.
+fn are_row_names(rows: &[(usize, &str)], separator: char, are_frames: bool) -> bool {
+    let is_quoted = |field: Option<&&str>| field.is_some_and(|field| field.trim().starts_with('"'));
+    let is_named = |(_, row): &(usize, &str)| {
+        let fields = split(row, separator);
+        is_quoted(fields.first()) && !is_quoted(fields.last())
+    };
+    rows.iter().all(is_named) || (are_frames && have_row_numbers(rows, separator))
+}
+
+/// Whether the first fields of rows are row numbers or times.
+fn have_row_numbers(rows: &[(usize, &str)], separator: char) -> bool {
+    let number_of_row =
+        |(_, row): &(usize, &str)| split(row, separator).first().and_then(|field| number(field, separator));
+    let numbers: Vec<f64> = rows.iter().map(|row| number_of_row(row).unwrap_or(f64::NAN)).collect();
+    counts(numbers.iter().copied()) || are_times(&numbers) || matches!(numbers[..], [0.0 | 1.0])
+}
+
+/// Whether fields are the parts before and after decimal commas: whole numbers, some with a 0 before other digits.
+fn have_cut_decimals(fields: &[&str]) -> bool {
+    let is_whole = |field: &&str| field.trim().trim_start_matches('-').bytes().all(|byte| byte.is_ascii_digit());
+    let has_zero = |field: &&str| field.trim().len() > 1 && field.trim().starts_with('0');
+    fields.iter().all(is_whole) && fields.iter().any(has_zero)
 }
 
 /// How the fields of lines are read.
@@ -104,12 +183,17 @@ pub(super) fn is_skipped(line: &str) -> bool {
     line.is_empty() || ["#", "%", "//"].iter().any(|comment| line.starts_with(comment))
 }
 
-/// What separates the fields of some lines: a semicolon, a comma, a tab, or (a space) white space.
+/// What separates the fields of some lines: a semicolon, a comma, a tab, a pipe sign, or (a space) white space.
 pub(super) fn separator<'a>(lines: impl Iterator<Item = &'a str> + Clone) -> char {
     let has_decimal_commas =
         !lines.clone().any(|line| line.contains(';')) && lines.clone().last().is_some_and(has_decimal_commas);
     let first = if has_decimal_commas { '\t' } else { ',' };
-    [';', first, '\t'].into_iter().find(|separator| lines.clone().any(|line| line.contains(*separator))).unwrap_or(' ')
+    let is_used = |separator: &char| match separator {
+        // Names may have it too, as in `0-1|2-3`; those of the columns are in the line before.
+        '|' => lines.clone().last().is_some_and(|line| line.contains('|')),
+        separator => lines.clone().any(|line| line.contains(*separator)),
+    };
+    [';', first, '\t', '|'].into_iter().find(is_used).unwrap_or(' ')
 }
 
 /// Whether every row has a separator at its end, and not an empty last field: the row has more fields than there are columns,
@@ -119,10 +203,7 @@ fn ends_empty(rows: &[(usize, &str)], separator: char, columns: Option<usize>) -
     if separator == ' ' || !rows.iter().all(|(_, row)| row.ends_with(separator)) {
         return false;
     }
-    let number_of_row = |(_, row): &(usize, &str)| number(row.split(separator).next()?, separator);
-    let numbers: Vec<f64> = rows.iter().map(|row| number_of_row(row).unwrap_or(f64::NAN)).collect();
-    // Row numbers or times.
-    let has_numbers = counts(numbers.iter().copied()) || are_times(&numbers) || matches!(numbers[..], [0.0 | 1.0]);
+    let has_numbers = have_row_numbers(rows, separator);
     columns.is_none_or(|columns| first.split(separator).count() > columns + usize::from(has_numbers))
 }
 
@@ -154,13 +235,15 @@ fn check_size(text: &str, separator: char) -> Result<(), String> {
 /// Whether the first line of a file names or numbers the columns; see [`parse`].
 pub(super) fn is_header(line: &str, separator: char, columns: Option<usize>) -> bool {
     let fields = split(line, separator);
-    if fields.iter().any(|field| holds_several_numbers(field) || complex(field).is_some()) {
+    let is_value = |field: &&str| holds_several_numbers(field) || complex(field).is_some() || is_unreadable(field);
+    if fields.iter().any(is_value) {
         return false;
     }
+    let has_names = fields.iter().any(|field| is_name(field));
     let fields: Vec<Option<f64>> = fields.into_iter().map(|field| number(field, separator)).collect();
     match fields.as_slice() {
         [None, rest @ ..] => {
-            rest.iter().all(Option::is_none) || counts(rest.iter().map(|field| field.unwrap_or(f64::NAN)))
+            has_names && rest.iter().all(Option::is_none) || counts(rest.iter().map(|field| field.unwrap_or(f64::NAN)))
         }
         all => columns == Some(all.len()) && counts(all.iter().map(|field| field.unwrap_or(f64::NAN))),
     }
@@ -181,9 +264,44 @@ pub(super) fn split(line: &str, separator: char) -> Vec<&str> {
     line.split(ends).collect()
 }
 
-/// The name in a field of a header.
-pub(super) fn name(field: &str) -> String {
-    field.trim().trim_matches('"').to_string()
+/// The names in the fields of a header.
+pub(super) fn names(line: &str, separator: char) -> Vec<String> {
+    split(line, separator).into_iter().map(|field| field.trim().trim_matches('"').to_string()).collect()
+}
+
+/// Whether a field may be a name: it has a letter or digit, and does not begin with a decimal number, as `1.5 mV` does.
+fn is_name(field: &str) -> bool {
+    let plain = field.trim().trim_start_matches(['"', '-', '+']);
+    let decimals =
+        plain.split_once('.').filter(|(whole, _)| whole.parse::<u64>().is_ok()).map(|(_, decimals)| decimals);
+    field.contains(char::is_alphanumeric)
+        && !decimals.is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit()))
+}
+
+/// What instruments and programs write in place of a value.
+const NO_VALUES: [&str; 14] = [
+    "ovld",
+    "ovl",
+    "ol",
+    "o.l",
+    "over",
+    "overload",
+    "overflow",
+    "overrange",
+    "na",
+    "n/a",
+    "null",
+    "none",
+    "err",
+    "error",
+];
+
+/// Whether a field is a value that cannot be read: none, or a number with another minus sign, exponent or separator.
+fn is_unreadable(field: &str) -> bool {
+    let plain = field.trim().trim_matches('"').to_lowercase();
+    let number = plain.replace(['\u{2212}', '\u{2013}'], "-").replace('d', "e");
+    let is_number = number.split('|').all(|part| part.trim().parse::<f64>().is_ok());
+    NO_VALUES.contains(&plain.trim_start_matches(['+', '-', '<', '>'])) || (is_number && plain.parse::<f64>().is_err())
 }
 
 /// Whether values count up from 0 or from 1; false for a single value.
@@ -224,7 +342,11 @@ pub(super) fn numbers(line: &str, reading: Reading) -> Result<Vec<f64>, (Option<
                 let text = shortened(text);
                 (Some(index + 1), format!("`{text}` is a complex number: write its real part or its magnitude"))
             }
-            text => (Some(index + 1), format!("`{}` is not a number", shortened(text))),
+            text => {
+                let fix =
+                    if is_unreadable(text) { ": write it as -1.5e+02, or NaN where there is no value" } else { "" };
+                (Some(index + 1), format!("`{}` is not a number{fix}", shortened(text)))
+            }
         })
     };
     split(line, separator).into_iter().enumerate().map(value).collect()
@@ -235,15 +357,18 @@ fn holds_several_numbers(field: &str) -> bool {
     field.split_whitespace().count() > 1 && field.split_whitespace().all(|word| word.parse::<f64>().is_ok())
 }
 
-/// The number in a field, without the name before a colon; `V0:1` is a name. A comma is a decimal point where it is no separator,
+/// The name and the value in a field like `ch0:1.5`; `V0:1` is a name.
+fn named_value(field: &str) -> Option<(&str, &str)> {
+    let parts = field.trim().trim_matches('"').split_once(':');
+    parts.filter(|(name, value)| name.starts_with(|first: char| first.is_alphabetic()) && value.contains('.'))
+}
+
+/// The number in a field, without the name before it. A comma is a decimal point where it is no separator,
 /// and in quotes.
 fn number(field: &str, separator: char) -> Option<f64> {
     let field = field.trim();
     let plain = field.trim_matches('"');
-    let named = plain
-        .split_once(':')
-        .filter(|(name, value)| name.starts_with(|first: char| first.is_alphabetic()) && value.contains('.'));
-    let plain = named.map_or(plain, |(_, value)| value.trim());
+    let plain = named_value(field).map_or(plain, |(_, value)| value.trim());
     let has_comma = plain.contains(',') && (separator != ',' || field.starts_with('"'));
     if has_comma { plain.replacen(',', ".", 1).parse() } else { plain.parse() }.ok()
 }

@@ -1,6 +1,7 @@
 //! Frames from lines of text, one after the other, as an instrument prints them.
 
 use crate::frame::csv;
+use crate::frame::names::{ColumnName, beside_channels, fitted, lacks_channels};
 use crate::frame::text::values_of;
 use thiserror::Error;
 
@@ -29,7 +30,7 @@ pub struct FrameLines {
     line: u64,
     /// The names of the columns in the last header.
     header: Vec<String>,
-    first_column: FirstColumn,
+    columns: Columns,
     any_frame: bool,
 }
 
@@ -56,53 +57,21 @@ pub struct LineError {
     pub message: String,
 }
 
-/// What the first column contains.
+/// Which columns are no channels.
 #[derive(Debug, Clone, PartialEq)]
-enum FirstColumn {
+enum Columns {
     /// Not known before the first row.
     Unknown,
     /// A row with one value more waits for the next one.
     Waiting(u64, Vec<f64>),
-    /// The first channel.
-    Channel,
-    RowNumber,
-    Time,
-}
-
-/// Names of a column of times, s.
-const TIMES: [&str; 8] = ["time", "time_s", "t", "t_s", "seconds", "timestamp", "timestamp_s", "measured_s"];
-/// Names of a column of row numbers; pandas writes an empty one.
-const ROW_NUMBERS: [&str; 6] = ["", "frame", "index", "number", "row", "sequence"];
-
-/// What a column is by its name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum ColumnName {
-    Seconds,
-    OtherTimes,
-    RowNumbers,
-    Other,
-}
-
-impl ColumnName {
-    pub(super) fn of(name: &str) -> Self {
-        let name = name.to_lowercase().replace([' ', '(', '['], "_").replace([')', ']'], "").replace("__", "_");
-        let is_other_unit = ["_ms", "_us", "_ns", "_min", "_h"].iter().any(|unit| name.ends_with(unit));
-        if TIMES.contains(&name.as_str()) {
-            ColumnName::Seconds
-        } else if is_other_unit && (name.starts_with('t') || name.starts_with("measured")) {
-            ColumnName::OtherTimes
-        } else if ROW_NUMBERS.contains(&name.as_str()) {
-            ColumnName::RowNumbers
-        } else {
-            ColumnName::Other
-        }
-    }
+    /// Those with times or row numbers, ascending, and the one with times.
+    Known { beside: Vec<usize>, time: Option<usize> },
 }
 
 impl FrameLines {
     /// For frames of a protocol with some channels.
     pub fn new(channel_count: usize) -> Self {
-        FrameLines { channel_count, line: 0, header: Vec::new(), first_column: FirstColumn::Unknown, any_frame: false }
+        FrameLines { channel_count, line: 0, header: Vec::new(), columns: Columns::Unknown, any_frame: false }
     }
 
     /// Reads the next line: none, one or two frames or errors, as the second row of values may explain the first.
@@ -135,8 +104,8 @@ impl FrameLines {
 
     /// The row that waits for the next one, where there is none.
     pub fn finish(&mut self) -> Option<FrameLine> {
-        match std::mem::replace(&mut self.first_column, FirstColumn::Unknown) {
-            FirstColumn::Waiting(line, row) => {
+        match std::mem::replace(&mut self.columns, Columns::Unknown) {
+            Columns::Waiting(line, row) => {
                 Some(FrameLine { line, time_s: None, values: row.into_iter().skip(1).collect() })
             }
             _ => None,
@@ -154,7 +123,7 @@ impl FrameLines {
 
     /// Whether a line is a header. Before the first frame, any line without a number is one.
     fn skips_header(&mut self, text: &str, separator: char) -> bool {
-        let names: Vec<String> = csv::split(text, separator).into_iter().map(csv::name).collect();
+        let names = csv::names(text, separator);
         let is_header = if self.any_frame {
             names == self.header
         } else {
@@ -166,16 +135,35 @@ impl FrameLines {
         is_header
     }
 
+    /// The names of the columns of a row, and which of them are no channels by these; none without a name for each value.
+    fn named(&self, row: &[f64]) -> (Vec<String>, Vec<usize>) {
+        let header = fitted(self.header.clone(), row.len(), || false);
+        let beside = if header.len() == row.len() { beside_channels(&header) } else { Vec::new() };
+        (header, beside)
+    }
+
     /// A row with the right number of finite values.
     fn checked(&self, row: Vec<f64>) -> Result<Vec<f64>, LineError> {
-        let (least, most) = match self.first_column {
-            FirstColumn::Unknown => (self.channel_count, self.channel_count + 1),
-            FirstColumn::Channel => (self.channel_count, self.channel_count),
-            _ => (self.channel_count + 1, self.channel_count + 1),
+        let beside = match &self.columns {
+            Columns::Unknown => {
+                let (header, beside) = self.named(&row);
+                if let Some(message) = lacks_channels(&header, &beside, self.channel_count) {
+                    return Err(self.error(None, message));
+                }
+                beside.len()
+            }
+            Columns::Waiting(..) => 1,
+            Columns::Known { beside, .. } => beside.len(),
         };
+        let least = self.channel_count + beside;
+        let most = if self.columns == Columns::Unknown && beside == 0 { least + 1 } else { least };
         if !(least..=most).contains(&row.len()) {
             let amount = if row.len() < least { "too few" } else { "too many" };
-            let extra = if least > self.channel_count { " and a first column" } else { "" };
+            let extra = match beside {
+                0 => String::new(),
+                1 => " and a first column".to_string(),
+                count => format!(" and {count} other columns"),
+            };
             let message = format!("{amount} values: {}, but frames have {}{extra}", row.len(), self.channel_count);
             return Err(self.error(None, message));
         }
@@ -190,52 +178,40 @@ impl FrameLines {
 
     /// The frames that are known with this row.
     fn frames(&mut self, row: Vec<f64>) -> Vec<Result<FrameLine, LineError>> {
-        let before = std::mem::replace(&mut self.first_column, FirstColumn::Channel);
-        self.first_column = match before {
-            FirstColumn::Unknown if row.len() == self.channel_count => FirstColumn::Channel,
-            FirstColumn::Unknown => match self.named() {
-                Ok(Some(named)) => named,
-                Ok(None) => {
-                    self.first_column = FirstColumn::Waiting(self.line, row);
-                    return Vec::new();
-                }
-                Err(error) => {
-                    self.first_column = FirstColumn::Unknown;
-                    return vec![Err(error)];
-                }
+        match std::mem::replace(&mut self.columns, Columns::Unknown) {
+            Columns::Unknown => match self.known(&row) {
+                Ok(known) => self.columns = known,
+                Err(error) => return vec![Err(error)],
             },
-            FirstColumn::Waiting(line, first) => return self.both(line, first, row),
-            known => known,
-        };
-        vec![Ok(self.frame(self.line, row))]
+            Columns::Waiting(line, first) => return self.both(line, first, row),
+            known => self.columns = known,
+        }
+        match self.columns {
+            Columns::Waiting(..) => Vec::new(),
+            _ => vec![Ok(self.frame(self.line, row))],
+        }
     }
 
-    /// What the first column contains by its name; `None` for any other name.
-    fn named(&self) -> Result<Option<FirstColumn>, LineError> {
-        let Some(name) = self.header.first().filter(|_| self.header.len() == self.channel_count + 1) else {
-            return Ok(None);
-        };
-        Ok(match ColumnName::of(name) {
-            ColumnName::Seconds => Some(FirstColumn::Time),
-            ColumnName::OtherTimes => {
-                let message =
-                    format!("the times of the column `{name}` are not in seconds: send seconds, or leave them out");
-                return Err(self.error(Some(1), message));
-            }
-            ColumnName::RowNumbers => Some(FirstColumn::RowNumber),
-            ColumnName::Other => None,
-        })
+    /// What the columns are by the first row and their names.
+    fn known(&self, row: &[f64]) -> Result<Columns, LineError> {
+        let (header, beside) = self.named(row);
+        let is = |kind: ColumnName| beside.iter().copied().find(|&column| ColumnName::of(&header[column]) == kind);
+        let time = is(ColumnName::Seconds);
+        if let Some(column) = is(ColumnName::OtherTimes).filter(|_| time.is_none()) {
+            let name = &header[column];
+            let message =
+                format!("the times of the column `{name}` are not in seconds: send seconds, or leave them out");
+            return Err(self.error(Some(column + 1), message));
+        }
+        let is_known = row.len() == self.channel_count + beside.len();
+        Ok(if is_known { Columns::Known { beside, time } } else { Columns::Waiting(self.line, row.to_vec()) })
     }
 
     /// The first two rows, whose first column has no name.
     fn both(&mut self, line: u64, first: Vec<f64>, second: Vec<f64>) -> Vec<Result<FrameLine, LineError>> {
         let column = [first[0], second[0]];
-        self.first_column = if csv::counts(column.into_iter()) {
-            FirstColumn::RowNumber
-        } else if column[0] < column[1] {
-            FirstColumn::Time
-        } else {
-            self.first_column = FirstColumn::Unknown;
+        let is_counted = csv::counts(column.into_iter());
+        if !is_counted && column[0] >= column[1] {
             let message = format!(
                 "too many values: {}, but frames have {}; the first column is no time: it does not increase",
                 first.len(),
@@ -244,13 +220,18 @@ impl FrameLines {
             return [line, self.line]
                 .map(|line| Err(LineError { line, column: None, message: message.clone() }))
                 .into();
-        };
+        }
+        self.columns = Columns::Known { beside: vec![0], time: (!is_counted).then_some(0) };
         vec![Ok(self.frame(line, first)), Ok(self.frame(self.line, second))]
     }
 
     fn frame(&self, line: u64, mut row: Vec<f64>) -> FrameLine {
-        let first = if self.first_column == FirstColumn::Channel { None } else { Some(row.remove(0)) };
-        FrameLine { line, time_s: first.filter(|_| self.first_column == FirstColumn::Time), values: row }
+        let Columns::Known { beside, time } = &self.columns else {
+            return FrameLine { line, time_s: None, values: row };
+        };
+        let time_s = time.map(|column| row[column]);
+        beside.iter().rev().for_each(|&column| _ = row.remove(column));
+        FrameLine { line, time_s, values: row }
     }
 }
 
@@ -299,6 +280,22 @@ mod tests {
         let (frames, errors) = read("5,1,2\n5,1,2\n");
         assert!(frames.is_empty() && errors.len() == 2 && errors[0].starts_with("line 1: too many values: 3"));
         assert!(read("time_ms,a,b\n5,1,2\n").1[0].contains("not in seconds"));
+        assert_eq!(times("frame,time_s,a,b\n7,0.5,1,2\n8,1,1,2\n"), [Some(0.5), Some(1.0)]);
+        assert_eq!(
+            read("a,b,time_s\n1,2,0.5\n"),
+            (vec![frame(2, Some(0.5), [1.0, 2.0])], vec![]),
+            "in the last column"
+        );
+    }
+
+    #[test]
+    fn what_is_no_channel_by_its_name_or_no_name_is_told() {
+        let lacking = "line 2: the first column is `time_s`, so the rows have 1 values, not 2";
+        assert!(read("time_s,a\n0.5,1\n").1[0].starts_with(lacking));
+        let (frames, errors) = read("OVLD,OVLD\n1.5D+02,2\n1.5|2\n");
+        assert_eq!(frames, [frame(3, None, [1.5, 2.0])]);
+        let fix = "is not a number: write it as -1.5e+02, or NaN where there is no value";
+        assert_eq!(errors, [format!("line 1, column 1: `OVLD` {fix}"), format!("line 2, column 1: `1.5D+02` {fix}")]);
     }
 
     #[test]
@@ -312,7 +309,7 @@ mod tests {
                 "line 3: too many values: 3, but frames have 2",
                 "line 4, column 2: the value is NaN: it must be finite",
                 "line 5, column 1: `x` is not a number",
-                "line 6, column 1: `overflow` is not a number",
+                "line 6, column 1: `overflow` is not a number: write it as -1.5e+02, or NaN where there is no value",
             ]
         );
     }

@@ -1,60 +1,169 @@
-//! Channels by the names of their columns.
+//! Columns by their names: times, row numbers and channels.
 
 use crate::frame::Table;
 use crate::protocol::{Channel, Protocol};
 use std::collections::BTreeMap;
 
-/// The columns of a table in the order of the channels, where their names say which channels they are: four electrodes, as in
-/// `v_0_1_2_3` (drive source and sink, measure plus and minus), or the number of the channel, as in `ch12`. Electrodes and
-/// channels count from 0 or 1. A first column with another name is dropped. Any other table is returned as it is.
+/// Names of a column of times, s.
+const TIMES: [&str; 8] = ["time", "time_s", "t", "t_s", "seconds", "timestamp", "timestamp_s", "measured_s"];
+/// Names of a column of row numbers; pandas writes an empty one.
+const ROW_NUMBERS: [&str; 8] = ["", "frame", "frame_number", "index", "number", "row", "sample", "sequence"];
+
+/// What a column is by its name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum ColumnName {
+    Seconds,
+    OtherTimes,
+    RowNumbers,
+    Other,
+}
+
+impl ColumnName {
+    pub(super) fn of(name: &str) -> Self {
+        let name = name.to_lowercase().replace([' ', '(', '['], "_").replace([')', ']'], "").replace("__", "_");
+        let is_other_unit = ["_ms", "_us", "_ns", "_min", "_h"].iter().any(|unit| name.ends_with(unit));
+        if TIMES.contains(&name.as_str()) {
+            ColumnName::Seconds
+        } else if is_other_unit && (name.starts_with('t') || name.starts_with("measured")) {
+            ColumnName::OtherTimes
+        } else if ROW_NUMBERS.contains(&name.as_str()) {
+            ColumnName::RowNumbers
+        } else {
+            ColumnName::Other
+        }
+    }
+}
+
+/// The names of the columns of rows with some values: without empty ones at the end, as of a separator there, and with an empty
+/// one for a first column of row numbers, which R does not name.
+pub(super) fn fitted(mut header: Vec<String>, values: usize, is_numbered: impl Fn() -> bool) -> Vec<String> {
+    while header.len() > values && header.last().is_some_and(String::is_empty) {
+        header.pop();
+    }
+    let is_other = header.first().is_some_and(|name| ColumnName::of(name) == ColumnName::Other);
+    if header.len() + 1 == values && is_other && is_numbered() {
+        header.insert(0, String::new());
+    }
+    header
+}
+
+/// The columns of times and row numbers by their names: of the first two and, with times, the last.
+pub(super) fn beside_channels(header: &[String]) -> Vec<usize> {
+    let kind = |column: usize| ColumnName::of(&header[column]);
+    let first = (0..header.len().min(2)).take_while(|&column| kind(column) != ColumnName::Other);
+    let last = (2.max(header.len().saturating_sub(1))..header.len())
+        .filter(|&column| matches!(kind(column), ColumnName::Seconds | ColumnName::OtherTimes));
+    first.chain(last).collect()
+}
+
+/// What is wrong with rows that have as many values as channels only with the columns beside these.
+pub(super) fn lacks_channels(header: &[String], beside: &[usize], channels: usize) -> Option<String> {
+    let values = header.len() - beside.len();
+    let column = beside.iter().copied().find(|_| values < channels && channels <= header.len())?;
+    let place = if column < 2 { ["first", "second"][column] } else { "last" };
+    let is_named = format!("is `{}`", header[column]);
+    let is_named = if header[column].is_empty() { "has no name, as row numbers" } else { &is_named };
+    Some(format!(
+        "the {place} column {is_named}, so the rows have {values} values, not {channels}: add what is missing, or if the column is \
+         a channel, call it `ch0` or remove the header"
+    ))
+}
+
+/// A table without the columns that are named as times or row numbers. Frames as columns keep theirs, of the channels' numbers.
 ///
 /// # Errors
-/// A channel without a column, or with several.
-pub(super) fn in_order(mut table: Table, protocol: &Protocol) -> Result<Table, String> {
+/// Rows that lack channels.
+pub(super) fn without_times(mut table: Table, channels: usize) -> Result<Table, String> {
     let width = table.rows[0].len();
-    let Some(header) = table.header.as_ref().filter(|header| header.len() == width) else { return Ok(table) };
-    let numbers: Vec<Vec<usize>> = header.iter().map(|name| numbers_in(name)).collect();
-    let skipped = usize::from(numbers[0].len() != numbers[width - 1].len());
-    let named = &numbers[skipped..];
-    let have = |count: usize| !named.is_empty() && named.iter().all(|numbers| numbers.len() == count);
-    let order = if have(4) {
-        let first = first_electrode(named, protocol.electrode_count());
-        by_electrodes(named, first, protocol)?
-    } else if have(1) && have_one_stem(&header[skipped..]) {
-        match by_number(named, protocol.channel_count()) {
-            Some(order) => order,
-            None => return Ok(table),
-        }
-    } else {
+    let Some(header) = table.header.as_mut().filter(|header| header.len() == width) else { return Ok(table) };
+    let beside = beside_channels(header);
+    if beside.is_empty() || beside.len() == width || (table.rows.len() == channels && width < channels) {
         return Ok(table);
-    };
-    table.rows.iter_mut().for_each(|row| *row = order.iter().map(|column| row[skipped + column]).collect());
-    table.header = None;
+    }
+    // Complex values may be pairs of columns.
+    if let Some(message) = [channels, 2 * channels].iter().find_map(|&count| lacks_channels(header, &beside, count)) {
+        return Err(message);
+    }
+    for &column in beside.iter().rev() {
+        header.remove(column);
+        table.rows.iter_mut().for_each(|row| _ = row.remove(column));
+    }
     Ok(table)
 }
 
-/// The numbers in a name.
-fn numbers_in(name: &str) -> Vec<usize> {
-    name.split(|c: char| !c.is_ascii_digit()).filter_map(|digits| digits.parse().ok()).collect()
+/// The columns of a table in the order of the channels, where their names say which channels they are: four electrodes, as in
+/// `v_0_1_2_3` (drive source and sink, measure plus and minus), the number of the channel, as in `ch12`, or both, as in
+/// `ch12:0_1_2_3`. Electrodes and channels count from 0 or 1. Columns with other names are then dropped. A table whose names say
+/// nothing else is returned as it is.
+///
+/// # Errors
+/// A channel without a column, or with several; names that are out of order and do not say which channels they are.
+pub(super) fn in_order(mut table: Table, protocol: &Protocol) -> Result<Table, String> {
+    let (width, channels) = (table.rows[0].len(), protocol.channel_count());
+    let Some(header) = table.header.as_ref().filter(|header| !header.is_empty()) else { return Ok(table) };
+    // Most names are those of channels, and so is the one in the middle.
+    let (usual, of_usual) = pattern(&header[header.len() / 2]);
+    let is_usual = |(column, name): (usize, &String)| {
+        let (pattern, numbers) = pattern(name);
+        (pattern == usual && numbers.len() == of_usual.len()).then_some((column, numbers))
+    };
+    let (columns, named): (Vec<usize>, Vec<Vec<usize>>) = header.iter().enumerate().filter_map(is_usual).unzip();
+    let are_most = header.len() == width && 2 * named.len() > width;
+    let order = match of_usual.len() {
+        4 | 5 if are_most => Some(by_electrodes(&named, protocol)?),
+        1 if are_most => by_number(named.iter().map(|numbers| numbers[0]), channels),
+        _ => None,
+    };
+    if let Some(order) = order {
+        table.rows.iter_mut().for_each(|row| *row = order.iter().map(|&place| row[columns[place]]).collect());
+        table.header = None;
+        return Ok(table);
+    }
+    // Of frames as columns, the names are those of frames.
+    match out_of_order(header).filter(|_| table.rows.len() != channels || width >= channels) {
+        Some([before, after]) => Err(format!(
+            "the column `{after}` comes after `{before}`, and the names do not say which channels they are: call them `v_0_1_2_3` \
+             (source and sink of the drive, plus and minus of the measure) or `ch0` to `ch{}`, or remove the header where the \
+             columns are in order",
+            channels - 1
+        )),
+        None => Ok(table),
+    }
 }
 
-/// Whether names are the same but for their numbers.
-fn have_one_stem(names: &[String]) -> bool {
-    let stem = |name: &String| name.trim_end_matches(|c: char| c.is_ascii_digit()).to_lowercase();
-    names.iter().all(|name| stem(name) == stem(&names[0]))
+/// A name without its numbers, and these.
+fn pattern(name: &str) -> (String, Vec<usize>) {
+    let digits = name.split(|c: char| !c.is_ascii_digit()).filter(|digits| !digits.is_empty());
+    // A number that is too large is none of a channel.
+    let numbers = digits.map(|digits| digits.parse().unwrap_or(usize::MAX)).collect();
+    let mut pattern = name.to_lowercase();
+    pattern.retain(|c| !c.is_ascii_digit());
+    (pattern, numbers)
+}
+
+/// The first two names in turn that differ by their numbers alone, the larger ones before the smaller ones.
+fn out_of_order(header: &[String]) -> Option<[&String; 2]> {
+    let patterns: Vec<(String, Vec<usize>)> = header.iter().map(|name| pattern(name)).collect();
+    let at = patterns.windows(2).position(|pair| {
+        let [(before, first), (after, second)] = pair else { return false };
+        before == after && first.len() == second.len() && first > second
+    })?;
+    Some([&header[at], &header[at + 1]])
 }
 
 /// The number of the first electrode: 1 if no name has a 0 and some have the number of electrodes.
-fn first_electrode(named: &[Vec<usize>], electrode_count: usize) -> usize {
-    let all = || named.iter().flatten();
+fn first_electrode(named: &[&[usize]], electrode_count: usize) -> usize {
+    let all = || named.iter().copied().flatten();
     usize::from(!all().any(|&number| number == 0) && all().any(|&number| number == electrode_count))
 }
 
-/// The column of each channel by its electrodes.
-fn by_electrodes(named: &[Vec<usize>], first: usize, protocol: &Protocol) -> Result<Vec<usize>, String> {
+/// The column of each channel by its electrodes, which may follow the number of the channel.
+fn by_electrodes(named: &[Vec<usize>], protocol: &Protocol) -> Result<Vec<usize>, String> {
+    let named: Vec<&[usize]> = named.iter().map(|numbers| &numbers[numbers.len().saturating_sub(4)..]).collect();
+    let first = first_electrode(&named, protocol.electrode_count());
     let mut columns = BTreeMap::new();
-    for (column, numbers) in named.iter().enumerate() {
-        if columns.insert(numbers.as_slice(), column).is_some() {
+    for (column, &numbers) in named.iter().enumerate() {
+        if columns.insert(numbers, column).is_some() {
             return Err(format!("two columns are named by the electrodes {numbers:?}: remove one"));
         }
     }
@@ -71,13 +180,12 @@ fn by_electrodes(named: &[Vec<usize>], first: usize, protocol: &Protocol) -> Res
     protocol.channels().iter().enumerate().map(of).collect()
 }
 
-/// The column of each channel by its number; `None` if the numbers are not those of all channels.
-fn by_number(named: &[Vec<usize>], channel_count: usize) -> Option<Vec<usize>> {
-    let first = named.iter().map(|numbers| numbers[0]).min()?;
+/// The place of each channel by its number; `None` if the numbers are not those of all channels, from 0 or 1.
+pub(super) fn by_number(numbers: impl Iterator<Item = usize> + Clone, channel_count: usize) -> Option<Vec<usize>> {
+    let first = numbers.clone().min().filter(|&first| first <= 1)?;
     let mut order = vec![None; channel_count];
-    for (column, numbers) in named.iter().enumerate() {
-        let place = order.get_mut(numbers[0] - first)?;
-        if first > 1 || place.replace(column).is_some() {
+    for (place, number) in numbers.enumerate() {
+        if order.get_mut(number - first)?.replace(place).is_some() {
             return None;
         }
     }

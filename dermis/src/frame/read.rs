@@ -29,15 +29,16 @@ pub struct ReadOptions<'a> {
 
 /// Reads frames (or differences of frames) of a protocol, ohm, one per row.
 ///
-/// A header, and a first column of frame numbers or times, are dropped. Frames may also be columns, a row for each channel; or
+/// A header, a first column of frame numbers or times, and columns that it names as these, are dropped. Frames may also be columns, a row for each channel; or
 /// have one drive in each row, so that an array is frames x drives x measures; or they have the voltages between all
 /// neighbouring electrodes for every drive, whose sum is zero, of which the protocol's channels are taken. Columns that are
-/// named by their electrodes (`v_0_1_2_3`) or channels (`ch12`) may have any order. 9.9e37 and 9.91e37, which instruments send
+/// named by their electrodes (`v_0_1_2_3`) or channels (`ch12`), in a header, a comment above the first row or before each value,
+/// may have any order. 9.9e37 and 9.91e37, which instruments send
 /// at an overload, are no values.
 ///
 /// # Errors
 /// As [`read_table`](crate::frame::read_table); rows that do not have a value for every channel; a value that is missing, `NaN`
-/// or infinite; rows that are frames as columns as well as drives.
+/// or infinite; columns whose names are out of order and say nothing else; rows that are frames as columns as well as drives.
 pub fn read_frames(path: &Path, protocol: &Protocol) -> Result<Vec<Frame>, TableError> {
     read_frames_without(path, protocol, &[])
 }
@@ -60,11 +61,12 @@ pub fn read_frames_with(path: &Path, protocol: &Protocol, options: &ReadOptions<
     let (mut table, is_complex) = read_rows(path, array, Some(channel_count), options.part)?;
     let values = table.rows.iter_mut().flatten();
     values.filter(|value| OVERLOADS.contains(&value.abs())).for_each(|value| *value = f64::NAN);
-    let table = match options.part.filter(|_| !is_complex) {
+    let pairs = |table: Table| match options.part.filter(|_| !is_complex) {
         Some(part) => part_of_pairs(table, part, channel_count),
         None => Ok(table),
     };
-    let table = table
+    let table = names::without_times(table, channel_count)
+        .and_then(pairs)
         .and_then(|table| names::in_order(table, protocol))
         .and_then(|table| arrangement::frames_in_rows(table, protocol));
     let table = table.map_err(|message| file_error(path, message))?;

@@ -2,9 +2,8 @@
 
 use crate::files::{ending, read_at_most};
 use crate::frame::complex::Part;
-use crate::frame::lines::ColumnName;
 use crate::frame::write_whole;
-use crate::frame::{Frame, TableError, csv, npy, npz};
+use crate::frame::{Frame, TableError, csv, names, npy, npz};
 use crate::stats::upper_median;
 use std::path::Path;
 
@@ -45,7 +44,7 @@ pub(super) fn read_rows(
     let columns = table.rows[0].len();
     for (row, &file_row) in table.rows.iter().zip(&table.file_rows) {
         if row.len() != columns {
-            return Err(count_error(path, file_row, row.len(), columns, "the rows before"));
+            return Err(count_error(path, file_row, row.len(), columns, "the rows before", ""));
         }
     }
     Ok((table, is_complex))
@@ -60,31 +59,30 @@ pub(super) fn read_values(path: &Path, array: &str, columns: usize, what: &str) 
     if table.rows[0].len() == 1 && table.rows.len() == columns && columns > 1 {
         return Err(file_error(path, format!("one value in each of {columns} rows: write them in one row")));
     }
+    let table = names::without_times(table, columns).map_err(|message| file_error(path, message))?;
     with_columns(table, path, columns, what)
 }
 
-/// A table of rows of `columns` values each, without a first column of row numbers or times.
+/// A table of rows of `columns` values each, without a first column of row numbers or times that has no name.
 pub(super) fn with_columns(mut table: Table, path: &Path, columns: usize, what: &str) -> Result<Table, TableError> {
     if table.rows[0].len() == columns + 1 {
         drop_first_column(&mut table, path, what)?;
     }
     for (row, &file_row) in table.rows.iter().zip(&table.file_rows) {
         if row.len() != columns {
-            return Err(count_error(path, file_row, row.len(), columns, what));
+            return Err(count_error(path, file_row, row.len(), columns, what, fix_of(row, columns)));
         }
     }
     Ok(table)
 }
 
-/// Drops the first column if it contains row numbers or times: by its name, by counting from 0 or 1, or without a name by
-/// rising steadily, where the last column does not. Any other rising first column is an error.
+/// Drops the first column if it contains row numbers or times: by counting from 0 or 1, or without a name by rising steadily, where the last column does not. Any other rising first column is an error.
 fn drop_first_column(table: &mut Table, path: &Path, what: &str) -> Result<(), TableError> {
     let first: Vec<f64> = table.rows.iter().map(|row| row[0]).collect();
     let name =
         table.header.as_ref().filter(|header| header.len() == table.rows[0].len()).and_then(|header| header.first());
-    let is_named = name.is_some_and(|name| ColumnName::of(name) != ColumnName::Other);
     let last: Vec<f64> = table.rows.iter().filter_map(|row| row.last().copied()).collect();
-    if is_named || csv::counts(first.iter().copied()) || (name.is_none() && are_times(&first) && !are_times(&last)) {
+    if csv::counts(first.iter().copied()) || (name.is_none() && are_times(&first) && !are_times(&last)) {
         table.rows.iter_mut().for_each(|row| _ = row.remove(0));
         table.header.iter_mut().for_each(|header| _ = header.remove(0));
         return Ok(());
@@ -172,14 +170,31 @@ pub(super) fn file_error(path: &Path, message: impl Into<String>) -> TableError 
     TableError::File { path: path.to_path_buf(), message: message.into() }
 }
 
-fn count_error(path: &Path, row: usize, got: usize, expected: usize, what: &str) -> TableError {
+/// The error of a row with too few or too many values.
+fn count_error(path: &Path, row: usize, got: usize, expected: usize, what: &str, fix: &str) -> TableError {
     let amount = if got < expected { "too few" } else { "too many" };
-    let twice = match got == 2 * expected {
-        true => "; if magnitudes and phases, or real and imaginary parts, alternate, choose one with --part",
-        false => "",
-    };
-    let message = format!("{amount} values: {got}, but {what} have {expected}{twice}");
+    let message = format!("{amount} values: {got}, but {what} have {expected}{fix}");
     TableError::Cell { path: path.to_path_buf(), row, column: None, message }
+}
+
+/// What most often helps where a row has too many values.
+fn fix_of(values: &[f64], expected: usize) -> &'static str {
+    let got = values.len();
+    let is_whole = values.iter().all(|value| value.fract() == 0.0);
+    match got {
+        _ if is_whole && 2 * got > 3 * expected => {
+            "; all are whole numbers: numbers with decimal commas need semicolons between them, or quotes; if real and imaginary \
+             parts alternate, choose one with --part"
+        }
+        _ if got == 2 * expected => {
+            "; if magnitudes and phases, or real and imaginary parts, alternate, choose one with --part"
+        }
+        // Row numbers, times and a temperature.
+        _ if (1..=3).contains(&got.saturating_sub(expected)) => {
+            "; name columns of row numbers `frame` and of times `time_s` in a header, and remove what is no channel"
+        }
+        _ => "",
+    }
 }
 
 /// Reads conductivity maps, one per row with a value per cell in the order of the mesh (S on surfaces, S/m in volumes).

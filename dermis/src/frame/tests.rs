@@ -105,19 +105,75 @@ fn columns_that_are_no_channels_are_refused_with_the_fix() {
     assert!(frames(&steady).unwrap_err().contains("call it time_s in a header"));
     // Neither row numbers nor times: one value too many.
     let message = frames(&format!("5,{a}\n5,{b}\n")).unwrap_err();
-    assert_eq!(message, ", row 1: too many values: 13, but frames of this protocol have 12");
+    assert!(
+        message.starts_with(", row 1: too many values: 13, but frames of this protocol have 12; name"),
+        "{message}"
+    );
     let message = frames(&a.replacen(',', " ", 1)).unwrap_err();
     assert_eq!(message, ", row 1: some values are separated by spaces or tabs; separate all of them by commas");
     let message = frames(&a.replace(",3,", ",(3-1.5e-3j),")).unwrap_err();
     assert!(message.starts_with(": it has 1 complex value: choose their part with --part"), "{message}");
-    let message = frames(&format!("{a},{b}\n")).unwrap_err();
+    let message = frames(&format!("{a}.5,{b}\n")).unwrap_err();
     assert!(message.contains("24, but frames of this protocol have 12; if magnitudes and phases"), "{message}");
+    let message = frames(&format!("{a},{b}\n")).unwrap_err();
+    assert!(message.contains("; all are whole numbers: numbers with decimal commas need semicolons"), "{message}");
+    let (_folder, path) = file("f.csv", format!("{a},0192,{b}\n").replacen("2,", "", 1));
+    let options = ReadOptions { part: Some(Part::Real), ..ReadOptions::default() };
+    let message = read_frames_with(&path, &protocol(), &options).unwrap_err().to_string();
+    assert!(message.contains("the decimal commas stand between commas"), "{message}");
+}
+
+/// Where a column that is named as times or row numbers stands: it is no channel, and must not take the place of one.
+#[test]
+fn columns_with_the_names_of_times_are_never_channels() {
+    let names = "a,b,c,d,e,f,g,h,i,j,k";
+    let (a, b) = (row("12"), row("13"));
+    for text in [
+        format!("frame,time_s,{names},l\n7,0.5,{a}\n9,0.25,{b}\n"),
+        format!("{names},l,time_s\n{a},0.5\n{b},0.25\n"),
+        format!("frame,{names},l,Time (s)\n7,{a},0.5\n9,{b},0.25\n"),
+    ] {
+        let read = frames(&text).unwrap();
+        assert_eq!((read[0][0], read[0][11], read[1][11]), (2.0, 12.0, 13.0), "{text}");
+    }
+    for name in ["time_s", "t", "timestamp", "frame", "index"] {
+        let message = frames(&format!("{name},{names}\n{a}\n{b}\n")).unwrap_err();
+        let expected =
+            format!(": the first column is `{name}`, so the rows have 11 values, not 12: add what is missing");
+        assert!(message.starts_with(&expected), "{message}");
+    }
+    let message = frames(&format!("{names},time_s\n{a}\n")).unwrap_err();
+    assert!(message.starts_with(": the last column is `time_s`, so the rows have 11 values"), "{message}");
+    let (_folder, path) = file("c.csv", "time_s,a,b\n0.5,1,2\n");
+    assert!(read_conductivities(&path, 3).unwrap_err().to_string().contains("so the rows have 2 values, not 3"));
+    // Without names, a word how to give some.
+    for text in [format!("7,0.5,{a}\n9,0.25,{b}\n"), format!("{a},0.5\n{b},0.25\n")] {
+        assert!(frames(&text).unwrap_err().contains("name columns of row numbers `frame`"), "{text}");
+    }
+}
+
+/// What cannot be read is no header: without its row, all later frames would have the number of the one before.
+#[test]
+fn a_first_row_without_values_is_no_header() {
+    let a = row("12");
+    for (value, fix) in [
+        ("OVLD", "`OVLD` is not a number: write it as -1.5e+02, or NaN where there is no value"),
+        ("1.5D+02", "`1.5D+02` is not a number: write"),
+        ("\u{2212}1.5", "`\u{2212}1.5` is not a number: write"),
+        ("1.5 mV", "`1.5 mV` is not a number"),
+        ("---", "`---` is not a number"),
+    ] {
+        let message = frames(&format!("{}\n{a}\n", [value; 12].join(","))).unwrap_err();
+        assert!(message.starts_with(&format!(", row 1, column 1: {fix}")), "{message}");
+    }
+    let pipes = frames(&format!("{0}\n{0}\n", a.replace(',', "|"))).unwrap();
+    assert_eq!((pipes.len(), pipes[1][11]), (2, 12.0));
 }
 
 #[test]
 fn steady_times_without_a_name_are_no_channel() {
     let rows = |end: &str| (0..5).map(|k| format!("17{k}.01{k},{}{end}\n", row("12"))).collect::<String>();
-    for text in [rows(""), rows(",")] {
+    for text in [rows(""), rows(","), format!("# seconds since noon,a,b,c,d,e,f,g,h,i,j,k,l\n{}", rows(""))] {
         let read = frames(&text).unwrap();
         assert!(read.len() == 5 && read.iter().all(|row| row[0] == 2.0 && row[11] == 12.0), "{text}");
     }
@@ -356,9 +412,38 @@ fn columns_with_the_names_of_channels_may_have_any_order() {
         let numbered: Vec<(String, usize)> = (0..12).rev().map(|k| (format!("ch{}", k + first), k)).collect();
         assert_eq!(read(&header(&numbered), &values), Ok(expected.clone()), "from {first}");
     }
-    // Any other names say nothing.
-    let others: Vec<(String, usize)> = (0..12).rev().map(|k| (format!("ch{}", k + 2), k)).collect();
-    assert_eq!(read(&header(&others), &values).unwrap()[0], 11.5);
+    // As comments, with a comma at the end, before each value, and with row names as R writes them.
+    let both = |text: String| frames(&text).map(|rows| (rows[0].clone(), rows[1].clone()));
+    let twice = Ok((expected.clone(), expected.clone()));
+    let quoted = header(&names).replace(',', "\" \"");
+    let spaces = values.replace(',', " ");
+    let cells = header(&names).split(',').zip(values.split(',')).map(|(a, b)| format!("{a}:{b}")).collect::<Vec<_>>();
+    for text in [
+        format!("# {}\n{values}\n{values}\n", header(&names)),
+        format!("# a board\n# {}\n{spaces}\n{spaces}\n", header(&names)),
+        format!("{},\n{values}\n{values}\n", header(&names)),
+        format!("frame,{},\n1,{values}\n2,{values}\n", header(&names)),
+        format!("\"{quoted}\"\n\"5\" {spaces}\n\"9\" {spaces}\n"),
+        format!("{0}\n{0}\n", cells.join(",")),
+        format!("{0}\n{0}\n", cells.join(", ").replace(':', ": ")),
+        format!("frame,time_s,{},temperature\n1,0.5,{values},21.5\n2,1,{values},21.5\n", header(&names)),
+    ] {
+        assert_eq!(both(text.clone()), twice, "{text}");
+    }
+    let other = [&cells[1..], &cells[..1]].concat();
+    let message = frames(&format!("{}\n{}\n", cells.join(","), other.join(","))).unwrap_err();
+    assert!(message.starts_with(", row 2: its values have other names than those of the first row"), "{message}");
+    let full: Vec<(String, usize)> =
+        names.iter().map(|(name, k)| (name.replacen("v_", &format!("ch{k}:"), 1), *k)).collect();
+    assert_eq!(read(&header(&full), &values), Ok(expected.clone()), "numbers and electrodes");
+    // Other names say nothing where they are in order or have no numbers, and too little where they are not.
+    for (of, is_read) in [("ch{}", false), ("d{}_m7", false), ("word", true)] {
+        let others = |k: usize| (of.replace("{}", &(k + 2).to_string()), k);
+        let (up, down): (Vec<_>, Vec<_>) = ((0..12).map(others).collect(), (0..12).rev().map(others).collect());
+        assert_eq!(read(&header(&up), &values).unwrap()[0], 11.5, "{of}");
+        let read = read(&header(&down), &values);
+        assert!(if is_read { read.is_ok() } else { read.unwrap_err().contains("call them `v_0_1_2_3`") }, "{of}");
+    }
     names[0].0 = names[1].0.clone();
     assert!(read(&header(&names), &values).unwrap_err().contains("two columns are named by the electrodes"));
 }

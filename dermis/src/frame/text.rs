@@ -41,7 +41,7 @@ pub(super) fn values_of(line: &str) -> (&str, &str) {
         rest = after.trim_start();
     }
     while let Some((word, after)) = rest.split_once([',', ';', '\t', ' '])
-        && (is_time(word) || is_label(word))
+        && (is_time(word) || (is_label(word) && !has_labels(after)))
         && !after.trim().is_empty()
     {
         rest = after.trim_start_matches(' ');
@@ -59,6 +59,12 @@ fn is_time(word: &str) -> bool {
     let marks = word.bytes().filter(|byte| b":-/.".contains(byte)).count();
     let is_plain = word.bytes().all(|byte| byte.is_ascii_digit() || b":-/.+TZ".contains(&byte));
     digits >= 3 && is_plain && word.as_bytes()[0].is_ascii_digit() && word.parse::<f64>().is_err() && marks >= 2
+}
+
+/// Whether values have names of their own, as in `a: 1.5, b: 2.5`: a name follows a value.
+fn has_labels(values: &str) -> bool {
+    let words = values.split([',', ';', '\t', ' ']).filter(|word| !word.is_empty());
+    words.skip_while(|word| is_time(word) || is_label(word)).any(is_label)
 }
 
 /// Whether a word names the values that follow.
@@ -99,12 +105,13 @@ mod tests {
             ("05/01/2024 12:00:00:123;1.5,2.5", "05/01/2024 12:00:00:123;"),
             ("1.5.2024 1.5,2.5", "1.5.2024 "),
             ("magnitudes: 1.5,2.5", "magnitudes: "),
+            ("log: magnitudes: 1.5,2.5", "log: magnitudes: "),
             ("[1.5,2.5],", ""),
             ("1.5,2.5", ""),
         ] {
             assert_eq!(values_of(line), (before, "1.5,2.5"), "{line}");
         }
-        for line in ["-1.5-2,3", "1e-5,2", "1.5-2.5i,3+4i", "a,b", "1 -> 2", "[1,2],[3,4]"] {
+        for line in ["-1.5-2,3", "1e-5,2", "1.5-2.5i,3+4i", "a,b", "a: 1.5, b: 2.5", "1 -> 2", "[1,2],[3,4]"] {
             assert_eq!(values_of(line), ("", line), "{line}");
         }
     }

@@ -72,13 +72,8 @@ impl PlaceLimits {
     /// As [`check`](Self::check); an angle of more than one turn, which is probably in degrees.
     pub(crate) fn check_on_cylinder(&self, z_m: f64, theta_rad: f64) -> Option<Result<Point3, String>> {
         let place = self.surface.at(z_m, theta_rad)?;
-        // Rounding may raise a full turn above its exact value.
-        if theta_rad.abs() > TAU * (1.0 + 1e-6) {
-            let message = format!(
-                "theta_rad is {theta_rad}, more than one turn: angles are in radians; if it is in degrees, write {:.4}",
-                theta_rad.to_radians()
-            );
-            return Some(Err(message));
+        if let Some(wrong) = beyond_a_turn("theta_rad", theta_rad) {
+            return Some(Err(wrong));
         }
         let distance_m = self.distance_m(place);
         if distance_m <= self.margin_m {
@@ -112,6 +107,18 @@ impl PlaceLimits {
             side(2)
         )
     }
+}
+
+/// What is wrong with an angle of more than one turn, which is probably in degrees, or one that is not finite.
+pub(crate) fn beyond_a_turn(key: &str, angle_rad: f64) -> Option<String> {
+    // Rounding may raise a full turn above its exact value.
+    let is_within = angle_rad.abs() <= TAU * (1.0 + 1e-6);
+    (!is_within).then(|| {
+        format!(
+            "{key} is {angle_rad}, more than one turn: angles are in radians; if it is in degrees, write {:.4}",
+            angle_rad.to_radians()
+        )
+    })
 }
 
 #[cfg(test)]

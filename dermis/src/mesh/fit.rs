@@ -1,6 +1,7 @@
 //! Checks that a mesh fits a design.
 
-use crate::design::{RegionPlace, SheetKind, SkinDesign};
+use crate::design::{Region, RegionPlace, SheetKind, SkinDesign};
+use crate::geom::Chart;
 use crate::mesh::{Cells, Mesh, MeshError};
 
 impl Mesh {
@@ -22,22 +23,51 @@ impl Mesh {
             let message = format!("the design `{}` has {named} electrodes, but its mesh has {found}", design.name);
             return Err(MeshError::Invalid(message));
         }
-        for region in design.sheet.regions.iter().filter(|region| region.place == RegionPlace::Group) {
-            if !self.regions.iter().any(|(name, _)| *name == region.name) {
+        for region in &design.sheet.regions {
+            if region.place == RegionPlace::Group && !self.regions.iter().any(|(name, _)| *name == region.name) {
                 let known: Vec<&str> = self.regions.iter().map(|(name, _)| name.as_str()).collect();
                 let known = if known.is_empty() { "none".to_string() } else { known.join(", ") };
                 let message = format!("the mesh has no region `{}`; it has {known}", region.name);
                 return Err(MeshError::Invalid(message));
             }
+            if self.cells_of(design, region).is_empty() {
+                let message = format!(
+                    "the region `{}` of the design `{}` covers no cell: lengths are in metres, and a region smaller than the cells \
+                     needs a finer mesh",
+                    region.name, design.name
+                );
+                return Err(MeshError::Invalid(message));
+            }
         }
         Ok(())
+    }
+
+    /// The cells whose centres lie in a region of a design.
+    pub(crate) fn cells_of(&self, design: &SkinDesign, region: &Region) -> Vec<usize> {
+        match region.place {
+            RegionPlace::Group => {
+                let groups = self.regions.iter().filter(|(name, _)| *name == region.name);
+                groups.flat_map(|(_, cells)| cells).copied().collect()
+            }
+            RegionPlace::Box { low_m, high_m } => {
+                let chart = Chart::of(&design.body.surface());
+                let is_inside = |&cell: &usize| {
+                    let mut place = chart.unroll(self.cell_centre(cell));
+                    if chart.period_m().is_some() {
+                        place.reverse();
+                    }
+                    (0..2).all(|axis| (low_m[axis]..=high_m[axis]).contains(&place[axis]))
+                };
+                (0..self.cell_count()).filter(is_inside).collect()
+            }
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use crate::design::SkinDesign;
-    use crate::mesh::import;
+    use crate::mesh::{Mesh, import};
 
     const SHEET: &str = r#"
 [body.mesh]
@@ -74,5 +104,24 @@ pattern = "adjacent"
         assert!(error.contains("no region `right`; it has") && error.contains("left"), "{error}");
         let error = said(&SHEET.replace("sheet_resistance_ohm", "conductivity_s_per_m"), &mesh).unwrap_err();
         assert!(error.contains("is a surface: state its sheet_resistance_ohm"), "{error}");
+    }
+
+    #[test]
+    fn a_region_off_the_body_or_smaller_than_a_cell_is_named() {
+        let found = |low: &str, high: &str| {
+            let text = format!(
+                "[body.rectangle]\nwidth_m = 0.2\nheight_m = 0.1\n[sheet]\nsheet_resistance_ohm = 500\ntouch = \"conductance_falls\"\n\
+                 [[sheet.regions]]\nname = \"stripe\"\nsheet_resistance_ohm = 20\nlow_m = {low}\nhigh_m = {high}\n[electrodes]\n\
+                 shape = \"point\"\ncontact_impedance_ohm_m2 = 1e-5\nlayout.grid = {{ rows = 2, columns = 2 }}\n[protocol]\n\
+                 pattern = \"adjacent\"\n"
+            );
+            let design = SkinDesign::parse(&text, "flat.toml").unwrap();
+            Mesh::generate(&design).and_then(|mesh| mesh.check_fits(&design)).err().map(|error| error.to_string())
+        };
+        assert_eq!(found("[0.05, 0]", "[0.1, 0.1]"), None);
+        for (low, high) in [("[50, 0]", "[100, 100]"), ("[0.05, 0.05]", "[0.050001, 0.050001]")] {
+            let error = found(low, high).unwrap();
+            assert!(error.contains("the region `stripe` of the design `flat` covers no cell"), "{error}");
+        }
     }
 }

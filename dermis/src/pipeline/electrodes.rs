@@ -289,6 +289,8 @@ impl ElectrodeMonitor {
         };
         let mut masked = vec![false; topology.channel_count];
         topology.mark_channels_of(monitor.confirmed(), &mut masked);
+        // A reading out of range disagrees with its reciprocal one for that reason.
+        untouched.iter().flat_map(|frame| &frame.saturated).for_each(|&channel| masked[channel] = true);
         monitor.reciprocity = monitor.mismatch(topology, &values.mean, &masked).unwrap_or(1.0);
         monitor
     }

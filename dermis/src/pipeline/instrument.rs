@@ -7,6 +7,7 @@ use crate::pipeline::frame::Measurement;
 use crate::pipeline::repeats::RepeatMonitor;
 use crate::pipeline::statistics::{Statistics, difference};
 use crate::pipeline::validity::InvalidReason;
+use crate::plausibility::{DOUBTFUL, agreement};
 use crate::stats::{rms, upper_median};
 use serde::{Deserialize, Serialize};
 
@@ -168,7 +169,7 @@ impl InstrumentMonitor {
             () if self.repeats.check(frame) => Some(InvalidReason::Frozen),
             () if is_most(&is_off) => Some(InvalidReason::NoCurrent),
             () if is_most(&channels) => Some(InvalidReason::OutOfRange),
-            () if self.is_scaled(baseline_ohm, frame, &channels) => Some(InvalidReason::Scale),
+            () if self.is_unlike(baseline_ohm, frame, &channels) => Some(InvalidReason::Scale),
             () if jumps.is_noise || self.noisy_frames >= NOISY_FRAMES => Some(InvalidReason::Noise),
             () => None,
         };
@@ -263,13 +264,16 @@ impl InstrumentMonitor {
         }
     }
 
-    /// Whether all values are larger or smaller than the baseline by one factor.
-    fn is_scaled(&self, baseline_ohm: &[f64], frame: &Measurement, wrong: &[bool]) -> bool {
-        let ratios: Vec<f64> = (0..wrong.len())
-            .filter(|&channel| self.scaled[channel] && !wrong[channel])
-            .map(|channel| frame.values_ohm[channel] / baseline_ohm[channel])
-            .collect();
-        ratios.len() >= MIN_SCALED && upper_median(&ratios).is_some_and(|ratio| !(SCALE[0]..=SCALE[1]).contains(&ratio))
+    /// Whether all values are larger or smaller than the baseline by one factor, or as unlike it as values of other channels.
+    fn is_unlike(&self, baseline_ohm: &[f64], frame: &Measurement, wrong: &[bool]) -> bool {
+        let used = || (0..wrong.len()).filter(|&channel| self.scaled[channel] && !wrong[channel]);
+        let ratios: Vec<f64> = used().map(|channel| frame.values_ohm[channel] / baseline_ohm[channel]).collect();
+        ratios.len() >= MIN_SCALED
+            && (upper_median(&ratios).is_some_and(|ratio| !(SCALE[0]..=SCALE[1]).contains(&ratio))
+                || agreement(
+                    used().map(|channel| frame.values_ohm[channel]),
+                    used().map(|channel| baseline_ohm[channel]),
+                ) < DOUBTFUL)
     }
 
     /// How the values have jumped. The jump is the second difference of three frames, which is small for steady changes.

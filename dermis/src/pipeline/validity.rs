@@ -50,7 +50,7 @@ pub enum InvalidReason {
     OutOfRange,
     /// The same values repeatedly.
     Frozen,
-    /// All values are larger or smaller than the baseline by one factor.
+    /// All values are larger or smaller than the baseline by one factor, or those of other channels.
     Scale,
     /// All values are shifted from the baseline by one voltage.
     Offset,
@@ -72,7 +72,10 @@ impl InvalidReason {
             InvalidReason::NoCurrent => "most drives carry no current: check the source and the reference resistor",
             InvalidReason::OutOfRange => "most readings are out of range: check the gain and the converter",
             InvalidReason::Frozen => "the same values repeatedly",
-            InvalidReason::Scale => "all values are larger or smaller by one factor: check the gain and the reference",
+            InvalidReason::Scale => {
+                "all values are larger or smaller by one factor, or those of other channels: check the gain, the reference, and \
+                 whether values were lost"
+            }
             InvalidReason::Offset => {
                 "all values are shifted alike: check the ground and the amplifier, then tare again"
             }

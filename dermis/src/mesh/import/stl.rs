@@ -14,16 +14,23 @@ pub(super) fn read(bytes: &[u8]) -> Result<Soup, Problem> {
     if let Some(count) = claimed.filter(|count| bytes.len() == HEADER + TRIANGLE * count) {
         return Ok(binary(bytes, count));
     }
-    if bytes.trim_ascii_start().get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) {
+    let is_solid = bytes.trim_ascii_start().get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
+    // No text has a zero byte.
+    if is_solid && !bytes.contains(&0) {
         return ascii(bytes);
     }
+    let what = |promised: usize| match bytes.len() < promised {
+        _ if !is_solid => "not an STL file, or a damaged binary one",
+        true => "cut short",
+        false => "a wrong number of triangles",
+    };
     Err(Problem(match claimed {
         Some(count) => format!(
-            "not an STL file: it does not start with `solid`, and as a binary file its {count} triangles need {} bytes, \
-             but it has {}",
-            HEADER + TRIANGLE * count,
-            bytes.len()
+            "{}: as a binary file its header promises {count} triangles, but there are {}: write it again",
+            what(HEADER + TRIANGLE * count),
+            (bytes.len() - HEADER) / TRIANGLE,
         ),
+        None if is_solid => "cut short: a binary STL file that ends within its header".into(),
         None => "not an STL file: it does not start with `solid`, and is too short for a binary file".into(),
     }))
 }
@@ -81,3 +88,26 @@ fn ascii(bytes: &[u8]) -> Result<Soup, Problem> {
 }
 
 const COORDINATE: &str = "a coordinate";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_binary_file_of_another_length_is_told_with_both_numbers() {
+        let file = |start: &str, count: u32, triangles: usize| {
+            let mut bytes = format!("{start:<80}").into_bytes();
+            bytes.extend(count.to_le_bytes());
+            bytes.resize(HEADER + TRIANGLE * triangles, 0);
+            read(&bytes).map(|soup| soup.triangles.len()).map_err(|problem| problem.0)
+        };
+        for start in ["solid CAD", "CAD"] {
+            assert_eq!(file(start, 12, 12), Ok(12));
+            for count in [12, 5] {
+                let error = file(start, count, 7).unwrap_err();
+                assert!(error.contains(&format!("promises {count} triangles, but there are 7")), "{error}");
+            }
+        }
+        assert!(file("solid CAD", 12, 7).unwrap_err().starts_with("cut short"));
+    }
+}
