@@ -34,7 +34,7 @@ impl LeaveOutArguments {
         let electrodes = self.electrodes.of(protocol)?;
         if let Some(channel) = self.leave_out.0.iter().find(|&&channel| channel >= protocol.channel_count()) {
             let message =
-                format!("--leave-out {channel}: frames have the channels 0 to {}", protocol.channel_count() - 1);
+                format!("cannot leave channel {channel} out: the channels are 0 to {}", protocol.channel_count() - 1);
             return Err(Failure::given(message, Some("channels are numbered from 0")));
         }
         let uses = |channel: &usize| electrodes.iter().any(|&electrode| protocol.channels()[*channel].uses(electrode));

@@ -50,7 +50,7 @@ fn what_no_workshop_can_make_is_an_error_with_its_line() {
         ("patch_pitch_m = 0.2", "do not fit on a body of 100 mm"),
         ("patch_gap_m = 0.01", "nothing is left of patches"),
         ("kerf_m = 0.002", "wider than the gaps"),
-        ("seam_theta_rad = 90", "between -2 pi and 2 pi"),
+        ("seam_theta_rad = 90", "seam_theta_rad is 90, more than one turn: angles are in radians"),
         ("wall_mm = 5", "did you mean `wall_m`?"),
         ("sheet_spread = 20", "sheet_spread is 20: it must be between 0 and 0.33"),
         ("multiplexers = 0", "8 electrodes are more than 0 free inputs of 0"),

@@ -58,38 +58,27 @@ fn values_in_the_place_of_others_after_the_tare_are_no_frames_of_the_skin() {
     }
 }
 
-/// Spikes of some size on all values of one drive, or on as many others, for some frames: nothing is sure to touch.
+/// Spikes of one frame on all values of a drive, or on as many others.
 #[test]
-fn spikes_are_no_certain_contacts() {
+fn spikes_of_a_frame_are_no_contacts() {
     let mut bench = Bench::new(lab(), 67, Vec::new(), Settings::default());
     let mut rng = sample_rng(67, 0);
-    for (is_of_drive, size, spiked) in [true, false]
-        .into_iter()
-        .flat_map(|of| [0.03, 0.3].map(|size| (of, size)))
-        .flat_map(|(of, size)| [1, 2, 5].map(|frames| (of, size, frames)))
-    {
-        let mut confidences = Vec::new();
-        for _ in 0..5 {
+    for (is_of_drive, size) in [true, false].into_iter().flat_map(|of| [0.01, 0.1, 1.0].map(|size| (of, size))) {
+        for _ in 0..4 {
             let first = rng.random_range(0..30) * 29;
             let channels: Vec<usize> = (first..first + 29)
                 .map(|channel| if is_of_drive { channel } else { rng.random_range(0..870) })
                 .collect();
-            for index in 0..40 {
+            for index in 0..12 {
                 let frame = bench.changed(|values| {
-                    if index < spiked {
+                    if index == 0 {
                         let size = size * rms(values.iter().copied());
                         channels.iter().for_each(|&channel| values[channel] += size * standard_normal(&mut rng));
                     }
                 });
                 bench.rebuild();
-                confidences.extend(frame.contacts.iter().map(|contact| contact.contact.confidence));
+                assert!(frame.contacts.is_empty(), "size {size}, of a drive: {is_of_drive}: {:?}", frame.contacts);
             }
         }
-        let most = confidences.iter().copied().fold(0.0, f64::max);
-        println!(
-            "spikes of {size} for {spiked} frames, of one drive: {is_of_drive}: {} contacts of {most:.2} at most",
-            confidences.len()
-        );
-        assert!(most <= 0.5 && (spiked > 1 || confidences.is_empty()), "{size}, {spiked}, {is_of_drive}");
     }
 }
