@@ -117,65 +117,6 @@ fn frames_that_stop_are_stale_in_every_output_within_a_quarter_of_a_second() {
     running.emulator.stop();
 }
 
-/// Reads a skin of 20,000 cells, of which the method takes far longer than a frame, for some time. Returns the frames, those of
-/// them that are usable, the longest time for which a usable one was the last that a subscriber had, and the heartbeats.
-fn overloaded(method: &str, time: Duration) -> (u64, u64, Duration, u64) {
-    let mut design = SkinDesign::shipped("cylinder30").unwrap();
-    design.mesh = design.mesh.scaled(0.7);
-    let skin = Skin::new(design.clone()).unwrap();
-    assert!(skin.mesh().cell_count() > 20_000);
-    let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin, Some(method)).unwrap());
-    let twin = TwinOptions::shipped("ideal").unwrap();
-    let script = Script::load("press", &design, &twin, 42).unwrap();
-    let options =
-        EmulatorOptions { script, twin, seed: 42, faults: Vec::new(), speed: 1.0, prerendered: 480, unpaced: false };
-    let emulator = Emulator::new(&design, options).unwrap();
-    let settings = Settings { method: method.into(), force_tare: true, ..Settings::default() };
-    let live = Live::start(methods, LiveOptions::new(emulator.serve_locally().unwrap(), settings)).unwrap();
-    let watchdog = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
-    watchdog.set_nonblocking(true).unwrap();
-    sinks::watchdog::send(live.shared(), &watchdog.local_addr().unwrap().to_string()).unwrap();
-    let mailbox = live.shared().subscribe(4096);
-    live.begin();
-    let (begun, mut frames, mut usable, mut longest, mut heartbeats) = (Instant::now(), 0, 0, Duration::ZERO, 0);
-    let mut usable_since: Option<Instant> = None;
-    while begun.elapsed() < time {
-        if let Popped::Item(Event::Frame(frame) | Event::Stale(frame)) = mailbox.take(Duration::from_millis(5)) {
-            let is_usable = frame.result.validity.is_usable();
-            assert!(!is_usable || frame.output_at.seconds_since(frame.received_at) <= 0.05);
-            (frames, usable) = (frames + 1, usable + u64::from(is_usable));
-            longest = longest.max(usable_since.take().map_or(Duration::ZERO, |since| since.elapsed()));
-            usable_since = is_usable.then(Instant::now);
-        }
-        longest = longest.max(usable_since.map_or(Duration::ZERO, |since| since.elapsed()));
-        while watchdog.recv(&mut [0; 200]).is_ok() {
-            heartbeats += 1;
-        }
-    }
-    live.stop();
-    emulator.stop();
-    println!(
-        "{method}, {:.0} s: {usable} of {frames} frames usable, the last of them for {longest:?} at most; {heartbeats} heartbeats",
-        time.as_secs_f64()
-    );
-    (frames, usable, longest, heartbeats)
-}
-
-#[test]
-fn a_skin_that_cannot_keep_up_has_no_usable_frame_that_is_old() {
-    let (frames, usable, longest, heartbeats) = overloaded("gauss-newton", Duration::from_secs(20));
-    assert!(frames > 0 && heartbeats <= usable && longest < Duration::from_millis(300), "{longest:?}");
-}
-
-#[test]
-#[ignore = "slow: ten minutes"]
-fn a_skin_that_cannot_keep_up_for_ten_minutes() {
-    for method in ["gauss-newton", "tv"] {
-        let (_, usable, longest, heartbeats) = overloaded(method, Duration::from_secs(300));
-        assert!(heartbeats <= usable && longest < Duration::from_millis(300), "{longest:?}");
-    }
-}
-
 /// Reads frames until `done` returns true; fails after a minute.
 fn frames_until(live: &Live, mut done: impl FnMut(&LiveFrame) -> bool) {
     let mailbox = live.shared().subscribe(4096);

@@ -220,11 +220,6 @@ impl LiveHandle {
         self.work.dropped() + self.late.load(Ordering::Relaxed)
     }
 
-    /// Whether frames wait for the pipeline.
-    pub(super) fn has_work(&self) -> bool {
-        !self.work.is_empty()
-    }
-
     /// Counts frames that were late.
     pub(super) fn add_late(&self, frames: u64) {
         self.late.fetch_add(frames, Ordering::Relaxed);
@@ -233,11 +228,6 @@ impl LiveHandle {
     /// Whether it is being stopped.
     pub(crate) fn is_stopped(&self) -> bool {
         self.stopped.load(Ordering::Relaxed)
-    }
-
-    /// Whether no more events come.
-    pub(super) fn is_ended(&self) -> bool {
-        self.ended.load(Ordering::Relaxed)
     }
 
     /// Sends an event to every subscriber; of too many notices in a second only their number.

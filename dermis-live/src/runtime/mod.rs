@@ -26,7 +26,6 @@ mod limit;
 mod mailbox;
 mod notice_limit;
 mod pipeline_thread;
-mod stale;
 mod statistics;
 
 pub use control::{ClientSession, Control, Pressable, RecordingOptions};
@@ -44,7 +43,6 @@ use crate::device::{Address, Connection, DeviceFacts, DeviceOptions};
 use crate::recording::Player;
 use crate::runtime::device_thread::DeviceThread;
 use crate::runtime::pipeline_thread::PipelineThread;
-use crate::runtime::stale::StaleWatch;
 use dermis::method::MethodSet;
 use dermis::pipeline::{Command, Notice, Pipeline, Settings, State};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -164,14 +162,11 @@ impl Live {
         // A method that fails is reported when it is asked for.
         let methods = Arc::clone(pipeline.methods());
         spawn("dermis-methods", move || drop(methods.prepare()));
-        let watch = StaleWatch::new(Arc::clone(&shared));
-        let worker = PipelineThread::new(Arc::clone(&shared), Arc::clone(&watch), pipeline, input);
-        let [of_source, of_worker, of_watch] = [(); 3].map(|()| EndsOnPanic(Arc::clone(&shared)));
-        let threads = vec![
-            spawn("dermis-listen", move || of_source.run(source)),
-            spawn("dermis-contacts", move || of_worker.run(|| worker.run())),
-            spawn("dermis-stale", move || of_watch.run(|| watch.run())),
-        ];
+        let worker = PipelineThread::new(Arc::clone(&shared), pipeline, input);
+        let [of_source, of_worker] = [(); 2].map(|()| EndsOnPanic(Arc::clone(&shared)));
+        let source = move || of_source.run(source);
+        let threads =
+            vec![spawn("dermis-listen", source), spawn("dermis-contacts", move || of_worker.run(|| worker.run()))];
         Live { shared, threads }
     }
 
