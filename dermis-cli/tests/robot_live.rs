@@ -152,7 +152,7 @@ fn a_device_that_is_killed_makes_its_skin_unknown_and_a_new_one_brings_it_back()
         let at = Workplace::empty();
         let mut again =
             at.command(&format!("emulate skin16 --seed 2 --tcp {address} --prerender 100")).spawn().unwrap();
-        std::thread::sleep(std::time::Duration::from_secs(6));
+        std::thread::sleep(std::time::Duration::from_secs(9));
         let _ = again.kill();
         let _ = again.wait();
     });
