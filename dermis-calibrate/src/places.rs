@@ -67,7 +67,8 @@ impl Places {
         let PixelSpace { surface, centres_m, areas, .. } = &**skin.pixels();
         let near = |centre: &Point3| presses_m.iter().any(|press| surface.distance_m(*centre, *press) <= self.reach_m);
         let covered: f64 = centres_m.iter().zip(areas).filter(|(centre, _)| near(centre)).map(|(_, area)| area).sum();
-        covered / areas.iter().sum::<f64>()
+        // The sum of nothing is -0.
+        (0.0 + covered) / areas.iter().sum::<f64>()
     }
 }
 

@@ -372,8 +372,7 @@ impl Guided {
         format!(
             "{taken} of {}, {:.0} % of the skin covered{}",
             counted(planned, "press"),
-            // A part of no area is -0.
-            1e2 * self.coverage.max(0.0) + 0.0,
+            1e2 * self.coverage,
             error.unwrap_or_default()
         )
     }

@@ -107,7 +107,7 @@ impl Arguments {
                        label more presses";
             if !self.force {
                 // Where to press next is asked while there are too few presses.
-                if let Some(outlook) = &outlook {
+                if let Some(outlook) = outlook.as_ref().filter(|_| !self.json) {
                     print(&format!("{}\n", outlook.to_text()))?;
                 }
                 return Err(Failure::given(reason, Some(&format!("{fix}; --force writes it all the same"))));

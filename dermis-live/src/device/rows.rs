@@ -4,7 +4,7 @@ use crate::LiveError;
 use crate::device::line::{Address, Line, open};
 use crate::device::{DeviceEvent, DeviceFacts, DeviceOptions, IncomingFrame, READ_BYTES, Stream};
 use dermis::frame::{FrameLine, FrameLines, LineError};
-use dermis::pipeline::{Measurement, Notice, Severity, Timestamp};
+use dermis::pipeline::{GAP_S, Measurement, Notice, Severity, Timestamp};
 use dermis::skin::Skin;
 use dermis::text::counted;
 use std::time::{Duration, Instant};
@@ -15,8 +15,8 @@ const FIRST_ROWS: usize = 10;
 const REPORTED_AT_ONCE: usize = 8;
 /// Interval between later reports of wrong rows.
 const REPORT: Duration = Duration::from_secs(1);
-/// Rows farther apart than this would each be a gap to the pipeline, s.
-const GAP_S: f64 = 2.0;
+/// Units in which boards count times, s.
+const UNITS_S: [f64; 3] = [1.0, 1e-3, 1e-6];
 /// Longest text of a value, bytes; a longer line is no row.
 const VALUE_BYTES: usize = 64;
 
@@ -247,12 +247,14 @@ impl RowClock {
             let text = "the times of its first rows do not rise: they are left out until they do";
             return (None, is_second.then(|| text.into()));
         }
-        let distance = |unit_s: &f64| match self.rate_hz {
-            Some(rate_hz) => (unit_s * step * rate_hz).ln().abs(),
-            None if unit_s * step <= GAP_S => -unit_s,
-            None => unit_s * step,
+        let found = match self.rate_hz {
+            Some(rate_hz) => {
+                let off = |unit_s: f64| (unit_s * step * rate_hz).ln().abs();
+                UNITS_S.into_iter().min_by(|a, b| off(*a).total_cmp(&off(*b)))
+            }
+            None => UNITS_S.into_iter().find(|unit_s| unit_s * step <= GAP_S),
         };
-        let unit_s = [1.0, 1e-3, 1e-6].into_iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(1.0);
+        let unit_s = found.unwrap_or(UNITS_S[2]);
         self.unit_s = Some(unit_s);
         self.anchor = self.anchor.filter(|_| is_second).map(|(_, at)| (unit_s * first, at));
         let names = if unit_s == 1e-3 { "milliseconds" } else { "microseconds" };

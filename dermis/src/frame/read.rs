@@ -29,8 +29,8 @@ pub struct ReadOptions<'a> {
 
 /// Reads frames (or differences of frames) of a protocol, ohm, one per row.
 ///
-/// A header, a first column of frame numbers or times, and columns that it names as these, are dropped. Frames may also be columns, a row for each channel; or
-/// have one drive in each row, so that an array is frames x drives x measures; or they have the voltages between all
+/// A header, a first column of frame numbers or times, and columns that it names as these, are dropped. Frames may also be
+/// columns, a row for each channel; or have one drive in each row, so that an array is frames x drives x measures; or they have the voltages between all
 /// neighbouring electrodes for every drive, whose sum is zero, of which the protocol's channels are taken. Columns that are
 /// named by their electrodes (`v_0_1_2_3`) or channels (`ch12`), in a header, a comment above the first row or before each value,
 /// may have any order. 9.9e37 and 9.91e37, which instruments send

@@ -76,7 +76,8 @@ pub(super) fn with_columns(mut table: Table, path: &Path, columns: usize, what: 
     Ok(table)
 }
 
-/// Drops the first column if it contains row numbers or times: by counting from 0 or 1, or without a name by rising steadily, where the last column does not. Any other rising first column is an error.
+/// Drops the first column if it contains row numbers or times: by counting from 0 or 1, or without a name by rising steadily,
+/// where the last column does not. Any other rising first column is an error.
 fn drop_first_column(table: &mut Table, path: &Path, what: &str) -> Result<(), TableError> {
     let first: Vec<f64> = table.rows.iter().map(|row| row[0]).collect();
     let name =

@@ -77,6 +77,7 @@ pub use drift::{DriftFit, DriftFitJob};
 pub use error::PipelineError;
 pub use frame::{Counts, FrameInput, Measurement, PipelineFrame};
 pub use health::{ElectrodeHealth, ElectrodeState, Health, Notice};
+pub use process::GAP_S;
 pub use rebuild::{RebuildJob, RebuiltMethod};
 pub use settings::{Command, Settings, Zone};
 pub use state::State;

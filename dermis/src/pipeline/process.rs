@@ -21,7 +21,7 @@ use crate::pipeline::{Pipeline, marked};
 use std::sync::Arc;
 
 /// A longer interval between frames is a gap, s: nothing is known about it.
-const GAP_S: f64 = 2.0;
+pub const GAP_S: f64 = 2.0;
 /// Reciprocal channels that differ by more than this many times their noise do not match the design.
 const FOREIGN: f64 = 30.0;
 /// The health is computed once in this many frames.
