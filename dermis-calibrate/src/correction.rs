@@ -2,19 +2,22 @@
 
 use crate::calibration::Label;
 use crate::error::CalibrateError;
-use crate::gaussian_process::{GaussianProcess, Input};
+use crate::gaussian_process::{GaussianProcess, Group, Input};
 use crate::located::{REGION_SHARE, limit};
 use crate::matching;
-use crate::strength::{UnusedForces, force_range, has_force, ratio_spread, relative_deviation, relative_error};
+use crate::strength::{
+    ForceLaw, UnusedForces, force_range, has_force, ratio_spread, relative_deviation, relative_error,
+};
 use dermis::contact::Contact;
 use dermis::detect::Detector;
 use dermis::frame::Frame;
 use dermis::geom::{Point3, Surface};
 use dermis::image::PixelSpace;
 use dermis::method::Method;
-use dermis::stats::{mean, quantile, sorted};
+use dermis::stats::{mean, mean_and_sd, quantile, rms, sorted};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// Fewest presses that the method must find.
 pub(crate) const MIN_FOUND: usize = 20;
@@ -80,7 +83,7 @@ fn less_certain(sd_m: f64, usual_sd_m: Option<f64>) -> f64 {
     usual_sd_m.map_or(1.0, |usual_sd_m| (sd_m / usual_sd_m).max(1.0))
 }
 
-/// What leave-one-out cross-validation on the labels states of a correction.
+/// What cross-validation on the labels, of which those at one place are left out together, states of a correction.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CorrectionQuality {
     /// Labelled presses.
@@ -91,6 +94,10 @@ pub struct CorrectionQuality {
     pub mean_error_before_m: f64,
     /// Mean error of labels that the correction had not seen, m.
     pub mean_error_m: f64,
+    /// Mean errors without and with the correction of all labels, m; one that the method does not find counts as
+    /// [`GATE_M`](dermis::contact::GATE_M). `None` in a correction of before this was stored.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub with_misses_m: Option<[f64; 2]>,
     /// By how many standard deviations the labels are nearer to the strongest contacts of their own frames, without the
     /// correction, than those of a random order; `None` for too few labels, and in a correction of before this was stored.
     pub evidence: Option<f64>,
@@ -122,9 +129,18 @@ impl Correction {
     ) -> Result<Self, CalibrateError> {
         let surface = &pixels.surface;
         let (found, evidence) = find(surface, method, detector, frames, labels)?;
-        if found.len() < MIN_FOUND {
-            let (found, labels) = (found.len(), labels.len());
-            return Err(CalibrateError::TooFewFound { method: method.name().into(), found, labels });
+        let groups: Vec<Group> = found.iter().map(Found::group).collect();
+        let presses = groups.iter().collect::<BTreeSet<_>>().len();
+        if presses < MIN_FOUND {
+            let errors_m = found.iter().map(|one| surface.distance_m(one.contact.position_m, one.label.position_m));
+            let uncalibrated_m = with_misses(&errors_m.collect::<Vec<_>>(), labels.len());
+            let labels = labels.len();
+            return Err(CalibrateError::TooFewFound {
+                method: method.name().into(),
+                found: presses,
+                labels,
+                uncalibrated_m,
+            });
         }
         let length_m = LENGTH_PART * size_m(pixels);
         let errors_m: Vec<[f64; 2]> =
@@ -133,7 +149,7 @@ impl Correction {
             found.iter().map(|one| Input { position_m: one.contact.position_m, features: Vec::new() }).collect();
         let fit = |axis: usize| {
             let values: Vec<f64> = errors_m.iter().map(|error| error[axis]).collect();
-            GaussianProcess::fit(&places, &values, length_m)
+            GaussianProcess::fit(&places, &values, &groups, length_m)
         };
         let ((u, left_u), (v, left_v)) = (fit(0)?, fit(1)?);
         let shifted_m: Vec<f64> = left_u.iter().zip(&left_v).map(|(u, v)| u.hypot(*v)).collect();
@@ -146,6 +162,7 @@ impl Correction {
             found: found.len(),
             mean_error_before_m: mean(&before_m),
             mean_error_m: mean(&left_m),
+            with_misses_m: Some([&before_m, &left_m].map(|errors_m| with_misses(errors_m, labels.len()))),
             evidence,
             force_error: force.as_ref().map(|(_, left)| relative_error(left)),
             force_spread: force.as_ref().map(|(_, left)| ratio_spread(left)),
@@ -165,12 +182,25 @@ impl Correction {
 
     /// Why the forces of its labels are not used; `None` where they are, or where no label has one.
     pub(crate) fn unused_forces(&self, labels: &[Label]) -> Option<UnusedForces> {
-        (has_force(labels) && self.quality.force_error.is_none()).then_some(UnusedForces::TooFewFound)
+        if !has_force(labels) || self.quality.force_error.is_some() {
+            return None;
+        }
+        let known: Vec<Label> = labels.iter().filter(|label| label.force_n > 0.0).copied().collect();
+        Some(match ForceLaw::log_forces(&known) {
+            _ if known.len().min(self.quality.found) < MIN_FOUND => UnusedForces::TooFewFound,
+            Err(reason) => reason,
+            Ok(_) => UnusedForces::Unrelated,
+        })
     }
 
     /// What cross-validation states.
     pub fn quality(&self) -> &CorrectionQuality {
         &self.quality
+    }
+
+    /// The cross-validated mean error of all labels, where those that were not found count as the gate, m.
+    pub(crate) fn with_misses_m(&self) -> f64 {
+        self.quality.with_misses_m.map_or(self.quality.mean_error_m, |[_, after_m]| after_m)
     }
 
     /// Name of the corrected method.
@@ -220,17 +250,23 @@ impl Correction {
 }
 
 impl ForceCorrection {
-    /// The correction, and what the logarithm of each force leaves unexplained by leave-one-out; `None` without forces.
+    /// The correction, and what the logarithm of each force leaves unexplained where its place was left out; `None` without forces,
+    /// or where their mean says as much.
     fn fit(found: &[Found], frames: &[Frame], length_m: f64) -> Result<Option<(Self, Vec<f64>)>, CalibrateError> {
         let known: Vec<&Found> = found.iter().filter(|one| one.label.force_n > 0.0).collect();
         if known.len() < MIN_FOUND {
             return Ok(None);
         }
-        let logs: Vec<f64> = known.iter().map(|one| one.label.force_n.ln()).collect();
+        let labels: Vec<Label> = known.iter().map(|one| one.label).collect();
+        let Ok(logs) = ForceLaw::log_forces(&labels) else { return Ok(None) };
+        let groups: Vec<Group> = known.iter().map(|one| one.group()).collect();
         let single: Vec<Input> = known.iter().map(|one| single_input(&one.contact, &frames[one.frame])).collect();
         let several: Vec<Input> = known.iter().map(|one| several_input(&one.contact)).collect();
-        let (single, left) = GaussianProcess::fit(&single, &logs, length_m)?;
-        let (several, _) = GaussianProcess::fit(&several, &logs, length_m)?;
+        let (single, left) = GaussianProcess::fit(&single, &logs, &groups, length_m)?;
+        if rms(left.iter().copied()) >= mean_and_sd(&logs).1 {
+            return Ok(None);
+        }
+        let (several, _) = GaussianProcess::fit(&several, &logs, &groups, length_m)?;
         let range = force_range(&logs);
         let sd_m = sorted(known.iter().map(|one| one.contact.sd_m).filter(|sd_m| sd_m.is_finite()));
         let usual_sd_m = (!sd_m.is_empty()).then(|| quantile(&sd_m, 0.5)).filter(|usual_sd_m| *usual_sd_m > 0.0);
@@ -238,6 +274,21 @@ impl ForceCorrection {
         let relative_sd = relative_deviation(&known.iter().zip(&left).map(usual).collect::<Vec<f64>>());
         Ok(Some((ForceCorrection { single, several, relative_sd, usual_sd_m, range }, left)))
     }
+}
+
+impl Found {
+    /// Labels at one place are left out together; those of one place and force are of one press.
+    fn group(&self) -> Group {
+        // No instrument tells places apart that are nearer than this.
+        const PLACE_M: f64 = 1e-4;
+        let place = self.label.position_m.map(|value| (value / PLACE_M).round() as i64 as u64);
+        Group { place, key: self.label.force_n.to_bits() }
+    }
+}
+
+/// The mean of the errors of labels, where those that were not found count as the gate, m.
+fn with_misses(errors_m: &[f64], labels: usize) -> f64 {
+    (errors_m.iter().sum::<f64>() + (labels - errors_m.len()) as f64 * GATE_M) / labels as f64
 }
 
 /// The labels that the method finds, each with the nearest contact; and the [evidence](matching::evidence) of all that

@@ -24,17 +24,19 @@ pub enum CalibrateError {
     },
     /// A correction of a method that does not find the labelled presses.
     #[error(
-        "{method} finds {found} of {} within 20 mm: a correction needs {}",
+        "{method} finds {found} different presses of {} within 20 mm: a correction needs {}",
         counted(*labels, "labelled press"),
         crate::correction::MIN_FOUND
     )]
     TooFewFound {
         /// The method.
         method: String,
-        /// Presses that it finds.
+        /// Presses that it finds; frames with one label are of one press.
         found: usize,
         /// Labelled presses.
         labels: usize,
+        /// Its mean error without a correction, m; presses that it does not find count as 20 mm.
+        uncalibrated_m: f64,
     },
     /// A correction of contacts that cannot be refined.
     #[error("the contacts cannot be refined: {why}")]

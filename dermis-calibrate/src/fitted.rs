@@ -29,13 +29,14 @@ pub enum Fitted {
 pub struct Alternatives {
     /// Mean distance of the labels from the place nearest to all of them: the error of a guess, m.
     pub guess_m: f64,
-    /// A method without calibration, and its mean error at the labels, where it finds all of them, m.
+    /// A method without calibration, and its mean error at the labels, m: those that it does not find count as
+    /// [`GATE_M`](dermis::contact::GATE_M).
     pub uncalibrated: Option<(String, f64)>,
 }
 
 impl Alternatives {
-    /// Those of some labels, by the corrections of the skin's own methods.
-    fn of(skin: &Skin, labels: &[Label], frame: LabelFrame, corrections: &[Correction]) -> Self {
+    /// Those of some labels; `uncalibrated` are the skin's own methods.
+    fn of(skin: &Skin, labels: &[Label], frame: LabelFrame, uncalibrated: Vec<(String, f64)>) -> Self {
         let surface = skin.design().body.surface();
         let distance_m = |a: Point3, b: Point3| match frame {
             LabelFrame::Skin => surface.distance_m(a, b),
@@ -52,16 +53,14 @@ impl Alternatives {
         let mean_m =
             |one: Point3| at_labels.iter().map(|&other| distance_m(one, other)).sum::<f64>() / labels.len() as f64;
         let guess_m = anywhere.into_iter().map(mean_m).fold(f64::INFINITY, f64::min);
-        let before =
-            |correction: &Correction| (correction.method().to_string(), correction.quality().mean_error_before_m);
-        let uncalibrated = corrections.iter().map(before).min_by(|a, b| a.1.total_cmp(&b.1));
+        let uncalibrated = uncalibrated.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
         Alternatives { guess_m, uncalibrated }
     }
 
     /// Why a calibration is of no use, if so.
     pub fn reason(&self, fitted: &Fitted) -> Option<String> {
         let mm = |length_m: f64| format!("{:.1} mm", 1e3 * length_m);
-        let mean_error_m = fitted.mean_error_m();
+        let mean_error_m = fitted.with_misses_m();
         let located = format!("the calibration locates presses that it has not seen to {}", mm(mean_error_m));
         if mean_error_m > self.guess_m {
             return Some(format!("{located}; always guessing the same place gives {}", mm(self.guess_m)));
@@ -112,12 +111,12 @@ impl Fitted {
     ) -> Result<(Self, Alternatives), CalibrateError> {
         let mut tried = None;
         let fitted = Self::choose(methods, skin, differences, labels, frame, method, &mut tried)?;
-        let corrections = match (frame, tried) {
+        let uncalibrated = match (frame, tried) {
             (LabelFrame::Robot, _) => Vec::new(),
-            (LabelFrame::Skin, Some(corrections)) => corrections,
-            (LabelFrame::Skin, None) => corrections(methods, skin, differences, labels)?,
+            (LabelFrame::Skin, Some(tried)) => tried.uncalibrated,
+            (LabelFrame::Skin, None) => Tried::new(methods, skin, differences, labels)?.uncalibrated,
         };
-        Ok((fitted, Alternatives::of(skin, labels, frame, &corrections)))
+        Ok((fitted, Alternatives::of(skin, labels, frame, uncalibrated)))
     }
 
     /// Fits; `tried` are the corrections of the skin's own methods, if they had to be fitted.
@@ -128,7 +127,7 @@ impl Fitted {
         labels: &[Label],
         frame: LabelFrame,
         method: Option<&str>,
-        tried: &mut Option<Vec<Correction>>,
+        tried: &mut Option<Tried>,
     ) -> Result<Self, CalibrateError> {
         let frames = &differences.frames;
         check(frames, &skin.design().protocol, labels)?;
@@ -144,8 +143,8 @@ impl Fitted {
         let map = Calibration::fit(skin, frames, labels, frame)?;
         let better = match (method, frame) {
             (None, LabelFrame::Skin) => {
-                let tried = tried.insert(corrections(methods, skin, differences, labels)?);
-                better(tried, map.quality()).cloned()
+                let tried = tried.insert(Tried::new(methods, skin, differences, labels)?);
+                tried.better(map.quality()).cloned()
             }
             _ => None,
         };
@@ -155,8 +154,7 @@ impl Fitted {
         })
     }
 
-    /// The best correction of the skin's own methods, where it finds all labels and locates them better than a forward map
-    /// of this quality.
+    /// The best correction of the skin's own methods, where it locates the labels better than a forward map of this quality.
     ///
     /// # Errors
     /// As [`Correction::fit`].
@@ -167,7 +165,7 @@ impl Fitted {
         labels: &[Label],
         map: &Quality,
     ) -> Result<Option<Correction>, CalibrateError> {
-        Ok(better(&corrections(methods, skin, differences, labels)?, map).cloned())
+        Ok(Tried::new(methods, skin, differences, labels)?.better(map).cloned())
     }
 
     /// The mean error of labels that it had not seen, m.
@@ -175,6 +173,14 @@ impl Fitted {
         match self {
             Fitted::ForwardMap(map) => map.quality().mean_error_m,
             Fitted::Correction(correction) => correction.quality().mean_error_m,
+        }
+    }
+
+    /// The same of all labels, where those that a corrected method does not find count as the gate, m.
+    fn with_misses_m(&self) -> f64 {
+        match self {
+            Fitted::ForwardMap(map) => map.quality().mean_error_m,
+            Fitted::Correction(correction) => correction.with_misses_m(),
         }
     }
 
@@ -206,34 +212,46 @@ impl Fitted {
     }
 }
 
-/// The corrections of the skin's own methods that find all labels: of its contacts, and of its refined contacts where they can be
-/// refined.
-fn corrections(
-    methods: &Methods,
-    skin: &Skin,
-    differences: &Differences,
-    labels: &[Label],
-) -> Result<Vec<Correction>, CalibrateError> {
-    let mut names = vec![methods.unrefined_name(skin)?];
-    if methods.default_name(skin)? == Methods::REFINED && can_be_refined(differences) {
-        names.push(Methods::REFINED.into());
-    }
-    let mut found = Vec::new();
-    for name in names {
-        match correct(methods, skin, differences, labels, &name) {
-            Err(CalibrateError::TooFewFound { .. } | CalibrateError::NotRefined { .. }) => {}
-            fitted => found.push(fitted?),
-        }
-    }
-    found.retain(|correction| correction.quality().found == correction.quality().labels);
-    Ok(found)
+/// The skin's own methods at the labels: its contacts, and its refined contacts where they can be refined.
+struct Tried {
+    corrections: Vec<Correction>,
+    /// Those that cannot be corrected, too, with their mean errors.
+    uncalibrated: Vec<(String, f64)>,
 }
 
-/// The best of some corrections, where it locates the labels better than a forward map of this quality.
-fn better<'a>(corrections: &'a [Correction], map: &Quality) -> Option<&'a Correction> {
-    let error_m = |correction: &Correction| correction.quality().mean_error_m;
-    let best = corrections.iter().min_by(|a, b| error_m(a).total_cmp(&error_m(b)));
-    best.filter(|correction| error_m(correction) < map.mean_error_m)
+impl Tried {
+    fn new(
+        methods: &Methods,
+        skin: &Skin,
+        differences: &Differences,
+        labels: &[Label],
+    ) -> Result<Self, CalibrateError> {
+        let mut names = vec![methods.unrefined_name(skin)?];
+        if methods.default_name(skin)? == Methods::REFINED && can_be_refined(differences) {
+            names.push(Methods::REFINED.into());
+        }
+        let mut tried = Tried { corrections: Vec::new(), uncalibrated: Vec::new() };
+        for name in names {
+            let error_m = match correct(methods, skin, differences, labels, &name) {
+                Err(CalibrateError::NotRefined { .. }) => continue,
+                Err(CalibrateError::TooFewFound { uncalibrated_m, .. }) => uncalibrated_m,
+                fitted => {
+                    let fitted = fitted?;
+                    let [error_m, _] = fitted.quality().with_misses_m.unwrap_or_default();
+                    tried.corrections.push(fitted);
+                    error_m
+                }
+            };
+            tried.uncalibrated.push((name, error_m));
+        }
+        Ok(tried)
+    }
+
+    /// The best correction, where it locates the labels better than a forward map of this quality.
+    fn better(&self, map: &Quality) -> Option<&Correction> {
+        let best = self.corrections.iter().min_by(|a, b| a.with_misses_m().total_cmp(&b.with_misses_m()));
+        best.filter(|correction| correction.with_misses_m() < map.mean_error_m)
+    }
 }
 
 fn can_be_refined(differences: &Differences) -> bool {

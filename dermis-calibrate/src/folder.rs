@@ -4,6 +4,7 @@ use crate::calibration::{Calibration, Quality};
 use crate::correction::Correction;
 use crate::covariance::{Covariance, Extent, PressInput};
 use crate::error::CalibrateError;
+use crate::fitted::Fitted;
 use crate::forward_map::ForwardMap;
 use crate::locate::{Locator, Setup};
 use crate::pose::Pose;
@@ -93,7 +94,17 @@ struct Owner {
 struct CorrectionCard {
     version: u32,
     design: DesignId,
+    /// What the corrected method computes with beside that; cards of before this was stored have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    model_sha256: Option<String>,
     correction: Correction,
+}
+
+/// The checksum of what a method computes with: sheet, contacts, mesh and image of a design. A correction is of one model.
+fn model_sha256(design: &SkinDesign) -> String {
+    let SkinDesign { sheet, image, mesh, .. } = design;
+    let text = format!("{sheet:?}\n{image:?}\n{mesh:?}\n{:?}", design.contact_impedances());
+    dermis::text::hexadecimal(&dermis::files::sha256(text.as_bytes()))
 }
 
 impl Correction {
@@ -108,7 +119,8 @@ impl Correction {
     /// A folder or file that cannot be written.
     pub fn save(&self, folder: &Path, design: &SkinDesign) -> Result<(), CalibrateError> {
         begin(folder)?;
-        let card = CorrectionCard { version: VERSION, design: DesignId::of(design), correction: self.clone() };
+        let (design, model_sha256) = (DesignId::of(design), Some(model_sha256(design)));
+        let card = CorrectionCard { version: VERSION, design, model_sha256, correction: self.clone() };
         let text = serde_json::to_string_pretty(&card).expect("a card is JSON");
         Ok(write_whole(&folder.join(CORRECTION), |out| out.write_all(text.as_bytes()))?)
     }
@@ -119,7 +131,12 @@ impl Correction {
     /// A file that is missing, damaged or of another version; a correction of another design.
     pub fn load(folder: &Path, design: &SkinDesign) -> Result<Self, CalibrateError> {
         let path = folder.join(CORRECTION);
-        let CorrectionCard { correction, .. } = read_card(&path, design)?;
+        let CorrectionCard { correction, model_sha256: known, .. } = read_card(&path, design)?;
+        if known.is_some_and(|known| known != model_sha256(design)) {
+            let message = "the sheet, the contact impedances, the mesh or the image of the design have changed since, so that the method that \
+                           it corrects computes otherwise: calibrate again";
+            return Err(CalibrateError::File { path, message: message.into() });
+        }
         if !correction.is_consistent() {
             return Err(CalibrateError::File {
                 path,
@@ -127,6 +144,19 @@ impl Correction {
             });
         }
         Ok(correction)
+    }
+}
+
+impl Fitted {
+    /// The checksum of the calibration in a folder, hexadecimal: recordings are replayed with the same one.
+    ///
+    /// # Errors
+    /// A card that cannot be read.
+    pub(crate) fn sha256(folder: &Path) -> Result<String, CalibrateError> {
+        let path = folder.join(if Calibration::is_folder(folder) { CARD } else { CORRECTION });
+        // The card has what cross-validation says of all arrays, to the last digit.
+        let card = std::fs::read(&path).map_err(|source| CalibrateError::Io { path, source })?;
+        Ok(dermis::text::hexadecimal(&dermis::files::sha256(&card)))
     }
 }
 

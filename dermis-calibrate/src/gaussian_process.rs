@@ -5,9 +5,10 @@ use crate::error::CalibrateError;
 use crate::minimize::minimize;
 use dermis::geom::Point3;
 use dermis::geom::vector::distance;
-use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
+use faer::linalg::solvers::{DenseSolveCore, Llt, PartialPivLu, Solve};
 use faer::{Mat, Side};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// Steps of the estimation of hyperparameters.
 const ITERATIONS: usize = 40;
@@ -71,22 +72,40 @@ impl Hyperparameters {
 
 impl GaussianProcess {
     /// Fits the values at some inputs; hyperparameters maximise the marginal likelihood, with log-normal priors about
-    /// `length_m` and variances like that of the noise. Returns the process and the leave-one-out residual of each
-    /// sample (Rasmussen and Williams 2006, Eq. 5.12).
+    /// `length_m` and variances like that of the noise. Returns the process and the residual of each sample from the others
+    /// without those of its group (Rasmussen and Williams 2006, Eq. 5.12; for groups the same with blocks of the inverse).
+    /// Samples of one group that are also alike, by a key, count once for the hyperparameters: their errors are not independent.
     ///
     /// # Errors
     /// Samples with a singular covariance.
-    pub(crate) fn fit(inputs: &[Input], values: &[f64], length_m: f64) -> Result<(Self, Vec<f64>), CalibrateError> {
+    pub(crate) fn fit(
+        inputs: &[Input],
+        values: &[f64],
+        groups: &[Group],
+        length_m: f64,
+    ) -> Result<(Self, Vec<f64>), CalibrateError> {
         let singular = || CalibrateError::Fit("the covariance of the labels is singular".into());
         let scales = scales(inputs);
         let inputs: Vec<Input> = inputs.iter().map(|input| standardised(input, &scales)).collect();
         let mean = dermis::stats::mean(values);
         let centred: Vec<f64> = values.iter().map(|value| value - mean).collect();
-        let hyperparameters = estimate(&inputs, &centred, length_m);
+        let mut first: BTreeMap<Group, usize> = BTreeMap::new();
+        groups.iter().enumerate().for_each(|(index, group)| _ = first.entry(*group).or_insert(index));
+        let mut distinct: Vec<usize> = first.into_values().collect();
+        distinct.sort_unstable();
+        let hyperparameters = estimate(&inputs, &centred, &distinct, length_m);
         let factor = hyperparameters.factor(&inputs).ok_or_else(singular)?;
         let weights = factor.solve(Mat::from_fn(centred.len(), 1, |i, _| centred[i]));
         let inverse = factor.inverse();
-        let residuals = (0..centred.len()).map(|i| weights[(i, 0)] / inverse[(i, i)]).collect();
+        let mut places: BTreeMap<_, Vec<usize>> = BTreeMap::new();
+        groups.iter().enumerate().for_each(|(index, group)| places.entry(group.place).or_default().push(index));
+        let mut residuals = vec![0.0; centred.len()];
+        for members in places.values() {
+            let block = Mat::from_fn(members.len(), members.len(), |i, j| inverse[(members[i], members[j])]);
+            let left = PartialPivLu::new(block.as_ref())
+                .solve(Mat::from_fn(members.len(), 1, |i, _| weights[(members[i], 0)]));
+            members.iter().enumerate().for_each(|(i, &member)| residuals[member] = left[(i, 0)]);
+        }
         let weights = (0..centred.len()).map(|i| weights[(i, 0)]).collect();
         Ok((GaussianProcess { inputs, scales, hyperparameters, mean, weights }, residuals))
     }
@@ -105,10 +124,19 @@ impl GaussianProcess {
     }
 }
 
-/// The hyperparameters of the largest posterior density; the scale of the values is profiled.
-fn estimate(inputs: &[Input], values: &[f64], length_m: f64) -> Hyperparameters {
-    let count = inputs.len().min(MAX_FOR_HYPERPARAMETERS);
-    let chosen: Vec<usize> = (0..count).map(|k| k * inputs.len() / count).collect();
+/// What a sample shares with others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Group {
+    /// Samples of one place are left out together.
+    pub(crate) place: [u64; 3],
+    /// Of one place and one key they are repetitions.
+    pub(crate) key: u64,
+}
+
+/// The hyperparameters of the largest posterior density of some samples; the scale of the values is profiled.
+fn estimate(inputs: &[Input], values: &[f64], samples: &[usize], length_m: f64) -> Hyperparameters {
+    let count = samples.len().min(MAX_FOR_HYPERPARAMETERS);
+    let chosen: Vec<usize> = (0..count).map(|k| samples[k * samples.len() / count]).collect();
     let inputs: Vec<Input> = chosen.iter().map(|&index| inputs[index].clone()).collect();
     let values = Mat::from_fn(count, 1, |i, _| values[chosen[i]]);
     let typical = [length_m.ln(), 0.0, 0.0];
@@ -143,6 +171,11 @@ fn standardised(input: &Input, scales: &[(f64, f64)]) -> Input {
 mod tests {
     use super::*;
 
+    /// Each sample for itself.
+    fn single(count: usize) -> Vec<Group> {
+        (0..count).map(|index| Group { place: [index as u64; 3], key: 0 }).collect()
+    }
+
     fn samples(count: usize) -> (Vec<Input>, Vec<f64>) {
         let input = |k: usize| {
             let k = k as f64;
@@ -157,20 +190,35 @@ mod tests {
     #[test]
     fn a_smooth_function_is_learnt_and_the_residuals_are_those_without_the_sample() {
         let (inputs, values) = samples(80);
-        let (_, residuals) = GaussianProcess::fit(&inputs, &values, 0.03).unwrap();
+        let (_, residuals) = GaussianProcess::fit(&inputs, &values, &single(80), 0.03).unwrap();
         let error = (residuals.iter().map(|value| value * value).sum::<f64>() / 80.0).sqrt();
         assert!(error < 0.1, "{error}");
         // The fit without the last sample, with its own hyperparameters, misses it by about the residual.
-        let (without, _) = GaussianProcess::fit(&inputs[..79], &values[..79], 0.03).unwrap();
+        let (without, _) = GaussianProcess::fit(&inputs[..79], &values[..79], &single(79), 0.03).unwrap();
         let missed = values[79] - without.predict(&inputs[79]);
         assert!((missed - residuals[79]).abs() < 0.02, "{missed} and {}", residuals[79]);
+    }
+
+    /// Several frames of each press promise no more than one of each.
+    #[test]
+    fn repetitions_are_left_out_together() {
+        let (inputs, _) = samples(15);
+        let values: Vec<f64> = (0..15).map(|k| ((k * k * 37 + 11 * k) % 101) as f64 / 50.0 - 1.0).collect();
+        let (_, single_left) = GaussianProcess::fit(&inputs, &values, &single(15), 0.03).unwrap();
+        let repeated: Vec<usize> = (0..15).flat_map(|k| [k; 8]).collect();
+        let of = |k: &usize| inputs[*k].clone();
+        let (many, values): (Vec<Input>, Vec<f64>) = repeated.iter().map(|k| (of(k), values[*k])).unzip();
+        let groups: Vec<Group> = repeated.iter().map(|k| single(15)[*k]).collect();
+        let (_, left) = GaussianProcess::fit(&many, &values, &groups, 0.03).unwrap();
+        let size = |left: &[f64]| dermis::stats::rms(left.iter().copied());
+        assert!(size(&left) > 0.9 * size(&single_left), "{} of {}", size(&left), size(&single_left));
     }
 
     #[test]
     fn noise_alone_is_not_learnt() {
         let (inputs, _) = samples(60);
         let values: Vec<f64> = (0..60).map(|k| ((k * k * 37 + 11 * k) % 101) as f64 / 50.0 - 1.0).collect();
-        let (process, residuals) = GaussianProcess::fit(&inputs, &values, 0.03).unwrap();
+        let (process, residuals) = GaussianProcess::fit(&inputs, &values, &single(60), 0.03).unwrap();
         let square = |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>();
         let spread = square(&mut values.iter().map(|value| value - dermis::stats::mean(&values)));
         assert!(square(&mut residuals.into_iter()) < 1.2 * spread);

@@ -105,8 +105,10 @@ impl MethodSource for Calibrations {
         if !is_path(name) {
             return Ok(None);
         }
-        let Some(fitted) = Fitted::load(Path::new(name), skin)? else { return Ok(None) };
-        fitted.into_method(&self.base, skin, name, options).map(Some)
+        let folder = Path::new(name);
+        let Some(fitted) = Fitted::load(folder, skin)? else { return Ok(None) };
+        let card = serde_json::json!({ "calibration_sha256": Fitted::sha256(folder)? }).to_string();
+        Ok(Some(fitted.into_method(&self.base, skin, name, options)?.with_card(card)))
     }
 }
 

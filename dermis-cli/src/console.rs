@@ -7,7 +7,7 @@ use dermis::pipeline::Severity;
 use dermis::text::{printable, printable_lines};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::collections::BTreeSet;
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -51,17 +51,22 @@ fn progress_target() -> ProgressDrawTarget {
     if is_quiet() { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() }
 }
 
+/// Prints a line to standard error. Who does not read it any more does not end the program.
+pub fn say(line: impl std::fmt::Display) {
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
 /// Prints a warning to standard error, once in a run.
 pub fn warn(text: &str) {
     if WARNINGS.lock().unwrap_or_else(PoisonError::into_inner).insert(text.into()) {
-        eprintln!("warning: {}", printable_lines(text));
+        say(format_args!("warning: {}", printable_lines(text)));
     }
 }
 
 /// Prints a note to standard error.
 pub fn note(text: &str) {
     if !is_quiet() {
-        eprintln!("{}", printable_lines(text));
+        say(printable_lines(text));
     }
 }
 
@@ -147,7 +152,7 @@ impl Progress {
         let tenth = 10 * done / count;
         if done < count && tenth > self.tenths.fetch_max(tenth, Ordering::Relaxed) {
             let left = self.begun.elapsed().mul_f64((count - done) as f64 / done as f64);
-            eprintln!("{}: {done} of {count}, {} left", self.bar.message(), HumanDuration(left));
+            say(format_args!("{}: {done} of {count}, {} left", self.bar.message(), HumanDuration(left)));
         }
     }
 }
@@ -156,7 +161,7 @@ impl Drop for Progress {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
         if VERBOSE.load(Ordering::Relaxed) {
-            eprintln!("{}: {:.2} s", printable_lines(&self.bar.message()), self.begun.elapsed().as_secs_f64());
+            say(format_args!("{}: {:.2} s", printable_lines(&self.bar.message()), self.begun.elapsed().as_secs_f64()));
         }
     }
 }
@@ -236,7 +241,7 @@ impl StatusLine {
 
     /// Prints text above it.
     pub fn print(&self, text: &str) {
-        if self.bar.is_hidden() { eprintln!("{text}") } else { self.bar.println(text) }
+        if self.bar.is_hidden() { say(text) } else { self.bar.println(text) }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Errors of commands and their exit codes.
 
+use crate::console::say;
 use dermis::design::DesignError;
 use dermis::text::{printable, printable_lines, shortened};
 use miette::{Diagnostic, NamedSource, SourceSpan};
@@ -32,14 +33,14 @@ impl Failure {
     pub fn report(self) -> u8 {
         match self {
             Failure::Given(report) => {
-                eprintln!("{report:?}");
+                say(format_args!("{report:?}"));
                 2
             }
             Failure::Ours(message) => {
                 let message = printable_lines(&message);
-                eprintln!(
+                say(format_args!(
                     "Error: {message}\nThis is an internal error of dermis: please report it with the command and its files."
-                );
+                ));
                 1
             }
         }

@@ -57,7 +57,10 @@ fn an_instrument_that_is_dead_or_frozen_is_never_ok() {
     two_at_once(&["zeros", "gain:0", "freeze"], |fault| {
         let arguments = format!("cylinder30 --method noser --for 3 --touch p10.toml --fault {fault}@0+60");
         let (states, touched, said) = lived(&at, &arguments, None);
-        assert!(states.keys().eq(["invalid tare"]) && touched == 0, "{fault}: {states:?}");
+        // A busy computer may stop for so long that a frame is stale, too.
+        let is_unusable = states.keys().all(|state| state == "invalid tare" || state == "stale");
+        let invalid = states.get("invalid tare").copied().unwrap_or_default();
+        assert!(is_unusable && invalid >= 300 && touched == 0, "{fault}: {states:?}");
         assert!(said.contains("no tare: "), "{fault}: {said}");
     });
 }

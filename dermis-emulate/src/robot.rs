@@ -32,7 +32,7 @@ impl RobotDevices {
         RobotDevices { emulators: Vec::new(), is_simulated, swings: is_simulated, begun: Instant::now(), swung: None }
     }
 
-    /// How a skin is read, by index; `emulator` makes its simulated device for a serial number: that of the file, or the skin's place
+    /// How a skin is read, by index; `None` if another program reads it. `emulator` makes its simulated device for a serial number: that of the file, or the skin's place
     /// from 1. `force_tare` is [that of the settings](Settings::force_tare).
     ///
     /// # Errors
@@ -43,7 +43,7 @@ impl RobotDevices {
         skin: usize,
         force_tare: bool,
         emulator: impl FnOnce(&SkinDesign, u32) -> Result<Arc<Emulator>, E>,
-    ) -> Result<LiveOptions, E> {
+    ) -> Result<Option<LiveOptions>, E> {
         let worn = &robot.skins()[skin];
         let address = if self.is_simulated || worn.source == "emulate" {
             let design = SkinDesign::load(&worn.design).map_err(|error| LiveError::from(dermis::Error::from(error)))?;
@@ -51,12 +51,14 @@ impl RobotDevices {
             let address = emulator.serve_locally()?;
             self.emulators.push(emulator);
             address
+        } else if worn.part().is_some() {
+            return Ok(None);
         } else {
             Address::parse(&worn.source)?
         };
         let method = worn.method.clone().unwrap_or_default();
         let settings = Settings { method, force_tare, ..Settings::default() };
-        Ok(LiveOptions { waits: true, ..LiveOptions::new(address, settings) })
+        Ok(Some(LiveOptions { waits: true, ..LiveOptions::new(address, settings) }))
     }
 
     /// The joints are moved by the program from now on.

@@ -27,10 +27,13 @@ struct Running {
 }
 
 fn emulate(script: &str, faults: &[&str]) -> Running {
-    let design = SkinDesign::shipped("cylinder30").unwrap();
+    emulate_design(&SkinDesign::shipped("cylinder30").unwrap(), script, faults)
+}
+
+fn emulate_design(design: &SkinDesign, script: &str, faults: &[&str]) -> Running {
     let twin = TwinOptions::shipped("lab").unwrap();
     let options = EmulatorOptions {
-        script: Script::load(script, &design, &twin, 41).unwrap(),
+        script: Script::load(script, design, &twin, 41).unwrap(),
         twin,
         seed: 41,
         faults: faults.iter().map(|fault| fault.parse::<TimedFault>().unwrap()).collect(),
@@ -38,7 +41,7 @@ fn emulate(script: &str, faults: &[&str]) -> Running {
         prerendered: 0,
         unpaced: false,
     };
-    let emulator = Emulator::new(&design, options).unwrap();
+    let emulator = Emulator::new(design, options).unwrap();
     let address = emulator.serve_locally().unwrap();
     Running { emulator, address }
 }
@@ -115,6 +118,58 @@ fn frames_that_stop_are_stale_in_every_output_within_a_quarter_of_a_second() {
     assert!(heartbeats > 150 && heartbeat_age >= Duration::from_millis(100), "{heartbeats}, {heartbeat_age:?}");
     live.stop();
     running.emulator.stop();
+}
+
+/// A skin whose method needs much longer than the time between two frames: whoever reads it knows no contacts
+/// older than 50 ms, and the last usable frame does not stand while the next one is computed.
+fn an_overloaded_skin_is_stale(edges: f64, cells: usize, time: Duration) {
+    let mut design = SkinDesign::shipped("cylinder30").unwrap();
+    design.mesh = design.mesh.scaled(edges);
+    let running = emulate_design(&design, "press", &[]);
+    let skin = Skin::new(design).unwrap().with_cells_as_pixels();
+    assert!(skin.forward().mesh().cell_count() > cells, "{}", skin.forward().mesh().cell_count());
+    let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin, Some("tv")).unwrap());
+    let settings = Settings { method: "tv".into(), force_tare: true, ..Settings::default() };
+    let live = Live::start(methods, LiveOptions::new(running.address.clone(), settings)).unwrap();
+    let watchdog = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    watchdog.set_nonblocking(true).unwrap();
+    sinks::watchdog::send(live.shared(), &watchdog.local_addr().unwrap().to_string()).unwrap();
+    let mailbox = live.shared().subscribe(4096);
+    live.begin();
+    let mut states = std::collections::BTreeMap::new();
+    // When the frame was published whose contacts stand.
+    let mut usable = None::<Instant>;
+    let begun = Instant::now();
+    while begun.elapsed() < time {
+        if let Popped::Item(Event::Frame(frame) | Event::Stale(frame)) = mailbox.take(Duration::from_millis(5)) {
+            let validity = &frame.result.validity;
+            let age_s = frame.output_at.seconds_since(frame.received_at);
+            assert!(!validity.is_usable() || age_s <= 0.05, "{validity:?} with contacts {age_s} s old");
+            usable = validity.is_usable().then(Instant::now);
+            *states.entry(validity.name()).or_insert(0) += 1;
+        }
+        assert!(usable.is_none_or(|since| since.elapsed() < Duration::from_millis(300)), "{states:?}");
+    }
+    println!("{states:?}; {} frames skipped", live.shared().skipped());
+    assert!(states.get("stale").is_some_and(|&count| count > time.as_secs()), "{states:?}");
+    let mut heartbeats = 0;
+    while watchdog.recv(&mut [0; 200]).is_ok() {
+        heartbeats += 1;
+    }
+    assert!(heartbeats <= states.get("ok").copied().unwrap_or(0), "{heartbeats} heartbeats: {states:?}");
+    live.stop();
+    running.emulator.stop();
+}
+
+#[test]
+fn an_overloaded_skin_is_stale_and_never_usable_with_old_contacts() {
+    an_overloaded_skin_is_stale(1.2, 5_000, Duration::from_secs(8));
+}
+
+#[test]
+#[ignore = "slow: ten minutes"]
+fn a_skin_overloaded_for_ten_minutes_is_stale_and_never_usable_with_old_contacts() {
+    an_overloaded_skin_is_stale(0.7, 20_000, Duration::from_mins(10));
 }
 
 /// Reads frames until `done` returns true; fails after a minute.

@@ -43,6 +43,10 @@ impl Frame {
     pub(crate) fn frame(&self) -> &PipelineFrame {
         &self.frame
     }
+
+    pub(crate) fn skin(&self) -> &skin::Skin {
+        &self.skin
+    }
 }
 
 #[pymethods]

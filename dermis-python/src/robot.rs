@@ -143,6 +143,14 @@ impl Robot {
         time_s: Option<f64>,
     ) -> Outcome<Bound<'py, PyAny>> {
         let index = self.skin(skin)?;
+        let design = frame.get().skin().design();
+        if design.sha256() != self.robot.skins()[index].design_sha256 {
+            let fix = format!("give frames of a pipeline of dermis.Skin.load(robot.skins[\"{skin}\"])");
+            return Err(Failure::with_hint(
+                format!("the frame is of the skin `{}`, another one than `{skin}`", design.name),
+                &fix,
+            ));
+        }
         let events = self.state().frame(index, frame.get().frame(), time(time_s)?);
         loads(py, &events)
     }
@@ -177,6 +185,9 @@ impl Robot {
         positions: BTreeMap<String, f64>,
         point_m: Option<[f64; 3]>,
     ) -> Outcome<Bound<'py, PyAny>> {
+        if point_m.is_some_and(|point_m| point_m.iter().any(|value| !value.is_finite())) {
+            return Err(Failure::given("`point_m` has to be finite"));
+        }
         let (posture, [base, link_index]) = self.at(link, &positions)?;
         let jacobian =
             posture.jacobian(base, link_index, point_m.unwrap_or_default()).ok_or_else(|| unknown_pose(link))?;
@@ -197,7 +208,7 @@ impl Robot {
         if !(0.1..=1000.0).contains(&rate_hz) {
             return Err(Failure::given(format!("`rate_hz` is {rate_hz}: give 0.1 to 1000 snapshots a second")));
         }
-        let how = RobotOptions { rate_hz, record, frames: false };
+        let how = RobotOptions { rate_hz, record, ..RobotOptions::default() };
         let is_noise_free = TwinOptions::load(twin)?.electronics.snr_db.is_none();
         let live = worker::run(py, "preparing the skins", 1, |_| {
             let mut devices = RobotDevices::new(emulate);

@@ -4,8 +4,8 @@ use crate::kinematics::Kinematics;
 use crate::pose::Pose;
 use dermis::design::{DesignError, SkinDesign, closest_name, explain_toml_error};
 use dermis::files::{MAX_SETTINGS_BYTES, folder_of, read_text_at_most};
-use dermis::geom::Point3;
-use serde::Deserialize;
+use dermis::geom::{Point3, beyond_a_turn};
+use serde::{Deserialize, Deserializer};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
@@ -36,11 +36,13 @@ pub struct WornSkin {
     pub name: String,
     /// The path of its design, or a shipped name.
     pub design: String,
+    /// The [checksum](SkinDesign::sha256) of the design.
+    pub design_sha256: [u8; 32],
     /// The name of the link that wears it.
     pub link: String,
     /// The pose of the design's frame in the link's.
     pub origin: Pose,
-    /// Where its frames come from: the address of a device.
+    /// Where its frames come from: the address of a device, or `robot:HOST:PORT`, another program that reads it.
     pub source: String,
     /// The serial number that the device must have.
     pub serial: Option<u32>,
@@ -51,6 +53,18 @@ pub struct WornSkin {
     /// The index of the link in the description.
     pub(crate) link_index: usize,
 }
+
+impl WornSkin {
+    /// The address of the program that reads it, if it is not read by this one.
+    pub fn part(&self) -> Option<&str> {
+        self.source.strip_prefix(PART)
+    }
+}
+
+/// The longest way from the frame of a link to its skin, m: a longer one is in millimetres.
+const FARTHEST_M: f64 = 2.0;
+/// The start of the source of a skin that another program reads.
+const PART: &str = "robot:";
 
 /// Where joint states come from.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -137,12 +151,18 @@ struct SkinTable {
     required: bool,
 }
 
+fn exactly_if_given<'de, D: Deserializer<'de>, const N: usize>(given: D) -> Result<Option<[f64; N]>, D::Error> {
+    dermis::files::exactly(given).map(Some)
+}
+
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct OriginTable {
-    #[serde(default)]
+    #[serde(default, deserialize_with = "dermis::files::exactly")]
     xyz_m: Point3,
+    #[serde(default, deserialize_with = "exactly_if_given")]
     rpy_rad: Option<Point3>,
+    #[serde(default, deserialize_with = "exactly_if_given")]
     quaternion: Option<[f64; 4]>,
 }
 
@@ -430,14 +450,21 @@ impl Reader<'_> {
             (_, None) => 0,
         };
         let design_path = self.beside(design.get_ref());
-        SkinDesign::load(&design_path).map_err(|error| match &error.source_text {
+        let loaded = SkinDesign::load(&design_path).map_err(|error| match &error.source_text {
             Some(_) => error,
             None => self.error(design.span(), error.message.clone(), error.fix.as_deref()),
         })?;
+        if let Some(address) = source.get_ref().strip_prefix(PART)
+            && !address.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
+        {
+            let fix = "write source = \"robot:HOST:PORT\", where `dermis robot run --share HOST:PORT` reads the skin";
+            return Err(self.error(source.span(), format!("`{address}` is no address"), Some(fix)));
+        }
         let is_folder = |method: &String| method.contains(['/', '\\']);
         Ok(WornSkin {
             name: name.get_ref().clone(),
             design: design_path,
+            design_sha256: loaded.sha256(),
             link: link.as_ref().map_or_else(|| name.get_ref().clone(), |link| link.get_ref().clone()),
             origin: origin.as_ref().map_or(Ok(Pose::IDENTITY), |origin| self.origin(origin))?,
             source: source.get_ref().clone(),
@@ -459,11 +486,14 @@ impl Reader<'_> {
 
     fn origin(&self, table: &Spanned<OriginTable>) -> Result<Pose, DesignError> {
         let OriginTable { xyz_m, rpy_rad, quaternion } = *table.get_ref();
-        let numbers = xyz_m.iter().chain(rpy_rad.iter().flatten());
-        let is_wrong = |number: &f64| number.is_nan() || number.abs() > 10.0;
-        if numbers.into_iter().any(is_wrong) {
-            let fix = "xyz_m in metres, rpy_rad in radians, each at most 10";
-            return Err(self.error(table.span(), "the origin is not on the link".into(), Some(fix)));
+        if xyz_m.iter().any(|value| !(-FARTHEST_M..=FARTHEST_M).contains(value)) {
+            let fix = format!("xyz_m is in metres, each at most {FARTHEST_M}");
+            return Err(self.error(table.span(), "the origin is not on the link".into(), Some(&fix)));
+        }
+        if let Some(wrong) =
+            rpy_rad.iter().flatten().find_map(|angle_rad| beyond_a_turn("an angle of rpy_rad", *angle_rad))
+        {
+            return Err(self.error(table.span(), wrong, None));
         }
         match (rpy_rad, quaternion) {
             (Some(_), Some(_)) => {
@@ -500,7 +530,8 @@ impl Reader<'_> {
                     let message = format!("two skins are called `{}`", name.get_ref());
                     return Err(self.error(name.span(), message, None));
                 }
-                if other.source.get_ref() == source.get_ref() && source.get_ref() != "emulate" {
+                let is_device = source.get_ref() != "emulate" && !source.get_ref().starts_with(PART);
+                if is_device && other.source.get_ref() == source.get_ref() {
                     let message = format!("`{}` and `{}` read one device", other.name.get_ref(), name.get_ref());
                     return Err(self.error(source.span(), message, Some("each skin has a device of its own")));
                 }

@@ -7,9 +7,11 @@ use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
 /// How long samples are kept, s: longer than any frame waits.
-const KEPT_S: f64 = 1.0;
+pub(crate) const KEPT_S: f64 = 1.0;
 /// Largest position, rad or m: 160 turns.
 const MAX_POSITION: f64 = 1e3;
+/// How far a joint may be beyond its limits, as a part of their distance: limits are of commands.
+const BEYOND: f64 = 0.1;
 /// A joint that is faster than this multiple of its limit has jumped: limits are of commands, and messages have jitter.
 const JUMP: f64 = 3.0;
 
@@ -33,7 +35,7 @@ impl JointHistory {
     /// Adds positions by the names of the joints; unknown names are left out.
     ///
     /// # Errors
-    /// Positions that are not finite; a joint that a skin depends on is missing; times that do not increase; a joint that
+    /// Positions that are not finite or beyond the limits of a joint; a joint that a skin depends on is missing; times that do not increase; a joint that
     /// has jumped, which also forgets the samples before.
     pub(crate) fn add(&mut self, robot: &Robot, at: Timestamp, given: &[(&str, f64)]) -> Result<(), String> {
         let Some(kinematics) = robot.kinematics() else {
@@ -48,6 +50,14 @@ impl JointHistory {
                 }
                 if !(-MAX_POSITION..=MAX_POSITION).contains(position) {
                     return Err(format!("the position of the joint `{name}` is {position:?}"));
+                }
+                if let Some([lower, upper]) = kinematics.movable().nth(place).and_then(|joint| joint.limits)
+                    && !(lower - BEYOND * (upper - lower)..=upper + BEYOND * (upper - lower)).contains(position)
+                {
+                    return Err(format!(
+                        "the position {position} of the joint `{name}` is beyond its limits, {lower} to {upper}: positions are in rad \
+                         and m"
+                    ));
                 }
                 positions[place] = *position;
             }

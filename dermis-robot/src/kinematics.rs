@@ -35,6 +35,8 @@ pub(crate) struct Joint {
     pub(crate) mimic: Option<(usize, f64, f64)>,
     /// Highest speed, rad/s or m/s.
     pub(crate) speed_limit: Option<f64>,
+    /// Lowest and highest position, rad or m.
+    pub(crate) limits: Option<[f64; 2]>,
 }
 
 /// The links and joints of a robot. A link without a parent is the root of a tree; a robot whose URDF has planar or floating

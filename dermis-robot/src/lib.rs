@@ -48,6 +48,6 @@ pub use sleeve::{Sleeve, SleeveOptions};
 pub use snapshot::{
     Cause, ContactPart, EventKind, JointTorque, RobotContact, RuleEvent, SkinSnapshot, Snapshot, UnknownReason, Zone,
 };
-pub use state::RobotState;
+pub use state::{RobotState, SkinFrame};
 pub use urdf::{Shape, link_triangles};
 pub use wrench::Wrench;

@@ -59,7 +59,7 @@ pub struct SkinSnapshot {
 }
 
 /// Whether a skin is touched. In JSON: `"zone": "clear"`, `"touched"`, or `"unknown"` with a `"reason"`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(tag = "zone", rename_all = "snake_case")]
 pub enum Zone {

@@ -1,7 +1,7 @@
 //! A robot from frame to frame.
 
 use crate::file::{OnUnknown, Robot, Rule, When};
-use crate::joints::{JointHistory, JointsAt};
+use crate::joints::{JointHistory, JointsAt, KEPT_S};
 use crate::kinematics::Posture;
 use crate::pose::Pose;
 use crate::seam::{Key, Seams, are_faces};
@@ -12,6 +12,7 @@ use crate::wrench::Wrench;
 use dermis::contact::Contact;
 use dermis::geom::vector::norm;
 use dermis::pipeline::{PipelineFrame, Timestamp, TrackedContact, Validity};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -26,6 +27,8 @@ pub struct RobotState {
     seams: Seams,
     /// Contacts that touch another skin of the robot, by its index.
     self_touches: BTreeMap<Key, usize>,
+    /// When rules were looked at last.
+    applied_at: Timestamp,
 }
 
 /// What is known of a skin.
@@ -37,13 +40,38 @@ struct SkinState {
 }
 
 /// The part of a frame that a robot uses.
-#[derive(Debug)]
-struct SkinFrame {
-    measured_at: Timestamp,
-    zone: Zone,
-    contacts: Vec<TrackedContact>,
-    rate_hz: f64,
-    serial: Option<u32>,
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SkinFrame {
+    /// When it was measured.
+    pub measured_at: Timestamp,
+    /// Whether the skin is touched.
+    #[serde(flatten)]
+    pub zone: Zone,
+    /// The contacts in the frame of the skin; none of a skin that is unknown.
+    pub contacts: Vec<TrackedContact>,
+    /// Frames per second.
+    pub rate_hz: f64,
+    /// Serial number of the device.
+    pub device_serial: Option<u32>,
+}
+
+impl From<&PipelineFrame> for SkinFrame {
+    fn from(frame: &PipelineFrame) -> Self {
+        let zone = match (&frame.validity, frame.touched) {
+            (Validity::Invalid { reason }, _) => Zone::Unknown { reason: UnknownReason::Invalid(*reason) },
+            (Validity::Stale { .. }, _) | (_, None) => Zone::Unknown { reason: UnknownReason::Late },
+            (_, Some(true)) => Zone::Touched,
+            (_, Some(false)) => Zone::Clear,
+        };
+        let is_known = !matches!(zone, Zone::Unknown { .. });
+        SkinFrame {
+            measured_at: frame.measured_at,
+            zone,
+            contacts: if is_known { frame.contacts.clone() } else { Vec::new() },
+            rate_hz: frame.health.rate_hz,
+            device_serial: frame.health.device_serial.map(u32::from),
+        }
+    }
 }
 
 /// Whether a rule holds.
@@ -72,7 +100,8 @@ impl RobotState {
         let rules = robot.rules().iter().map(rule).collect();
         let seams = Seams::new(&robot);
         let self_touches = BTreeMap::new();
-        RobotState { robot, joints: JointHistory::default(), skins, rules, seams, self_touches }
+        let (joints, applied_at) = (JointHistory::default(), Timestamp::default());
+        RobotState { robot, joints, skins, rules, seams, self_touches, applied_at }
     }
 
     /// The robot.
@@ -89,26 +118,31 @@ impl RobotState {
         self.joints.add(&self.robot, at, positions)
     }
 
-    /// Takes a frame of a skin, by index; returns the rules that begin, end or change their reason by it.
+    /// Takes a frame of a skin, by index; returns the rules that begin, end or change their reason by it. One that is older than
+    /// the one before says nothing.
     ///
     /// # Panics
     /// If the robot has no such skin.
     pub fn frame(&mut self, skin: usize, frame: &PipelineFrame, now: Timestamp) -> Vec<RuleEvent> {
-        if let Validity::Stale { .. } = frame.validity {
-            return self.stale(skin, now);
+        match frame.validity {
+            Validity::Stale { .. } => self.stale(skin, now),
+            _ => self.known(skin, frame.into(), now),
         }
-        let unknown = |reason| Zone::Unknown { reason };
-        let zone = match (&frame.validity, frame.touched) {
-            (Validity::Invalid { reason }, _) => unknown(UnknownReason::Invalid(*reason)),
-            (_, None) => unknown(UnknownReason::Late),
-            (_, Some(true)) => Zone::Touched,
-            (_, Some(false)) => Zone::Clear,
-        };
-        let contacts = if let Zone::Unknown { .. } = zone { Vec::new() } else { frame.contacts.clone() };
-        let (measured_at, rate_hz) = (frame.measured_at, frame.health.rate_hz);
-        let serial = frame.health.device_serial.map(u32::from);
+    }
+
+    /// The same with the part of a frame that another program has computed.
+    ///
+    /// # Panics
+    /// As there.
+    pub fn known(&mut self, skin: usize, frame: SkinFrame, now: Timestamp) -> Vec<RuleEvent> {
+        let measured_at = frame.measured_at;
         let state = &mut self.skins[skin];
-        state.frame = Some(Arc::new(SkinFrame { measured_at, zone, contacts, rate_hz, serial }));
+        let older_s = state.frame.as_ref().map_or(0.0, |last| last.measured_at.seconds_since(measured_at));
+        // One that is much older is of a clock that was set back.
+        if older_s > 0.0 && older_s < KEPT_S {
+            return self.apply_rules(now, now);
+        }
+        state.frame = Some(Arc::new(frame));
         // Another device stays another one until it is replaced.
         state.fault = state.fault.filter(|fault| *fault == UnknownReason::OtherDevice);
         self.apply_rules(measured_at, now)
@@ -231,7 +265,7 @@ impl RobotState {
     fn in_base(&self, skin: usize, now: Timestamp) -> Vec<Contact> {
         let worn = &self.robot.skins()[skin];
         let pose = self.skins[skin].frame.as_deref().and_then(|frame| {
-            let (_, posture) = self.posture(frame)?;
+            let (_, posture) = self.posture(frame, now)?;
             Some(posture.pose(self.robot.base_index(), worn.link_index)?.after(&worn.origin))
         });
         let moved = |tracked: &TrackedContact| {
@@ -244,6 +278,7 @@ impl RobotState {
 
     /// Follows touches over seams, and finds the rules that begin, end or change their reason.
     fn apply_rules(&mut self, measured_at: Timestamp, now: Timestamp) -> Vec<RuleEvent> {
+        self.applied_at = now;
         let mut events = Vec::new();
         let mut seams = std::mem::take(&mut self.seams);
         seams.update(&(0..self.skins.len()).map(|skin| self.contacts(skin, now)).collect::<Vec<_>>());
@@ -300,11 +335,16 @@ impl RobotState {
         Some(self.robot.poses(&at.positions))
     }
 
-    /// What is known now.
+    /// What is known now, with the rules that hold now.
     pub fn snapshot(&self, now: Timestamp) -> Snapshot {
+        if self.applied_at != now {
+            let mut then = self.clone();
+            then.tick(now);
+            return then.snapshot(now);
+        }
         let robot = &self.robot;
         let postures: Vec<_> =
-            self.skins.iter().map(|skin| skin.frame.as_deref().and_then(|frame| self.posture(frame))).collect();
+            self.skins.iter().map(|skin| skin.frame.as_deref().and_then(|frame| self.posture(frame, now))).collect();
         let mut links: Vec<Wrench> = Vec::new();
         let (mut skins, mut unknown) = (Vec::new(), Vec::new());
         let mut torques = Some(vec![(0.0, 0.0); robot.kinematics().map_or(0, |known| known.movable().len())]);
@@ -316,7 +356,7 @@ impl RobotState {
                 zone,
                 age_s: frame.map(|frame| now.seconds_since(frame.measured_at)),
                 rate_hz: frame.map(|frame| frame.rate_hz),
-                device_serial: frame.and_then(|frame| frame.serial),
+                device_serial: frame.and_then(|frame| frame.device_serial),
             });
             let mut of_skin = Wrench::zero(&worn.link);
             match (zone, frame) {
@@ -367,14 +407,16 @@ impl RobotState {
     }
 
     /// The joints when a frame was measured, and the robot then.
-    fn posture(&self, frame: &SkinFrame) -> Option<(JointsAt, Posture<'_>)> {
+    fn posture(&self, frame: &SkinFrame, now: Timestamp) -> Option<(JointsAt, Posture<'_>)> {
         let kinematics = self.robot.kinematics()?;
         let joints = if self.robot.needed_joints().is_empty() {
             // No joint matters: all skins are fixed to the base.
             let count = kinematics.movable().len();
             JointsAt { positions: vec![f64::NAN; count], speeds: vec![0.0; count], gap_s: 0.0 }
         } else {
-            self.joints.at(kinematics, frame.measured_at, self.robot.age_s())?
+            // States of a time that is still to come are of another clock.
+            let is_ahead = self.joints.newest()?.seconds_since(now) > self.robot.age_s();
+            self.joints.at(kinematics, frame.measured_at, self.robot.age_s()).filter(|_| !is_ahead)?
         };
         let posture = kinematics.posture(&joints.positions);
         Some((joints, posture))

@@ -1,11 +1,11 @@
-//! Links and joints from a URDF file. Meshes, masses and limits of positions are not read.
+//! Links and joints from a URDF file. Masses are not read.
 
 use crate::kinematics::{Joint, JointKind, Kinematics};
 use crate::pose::Pose;
 use dermis::design::{DesignError, closest_name};
 use dermis::files::{folder_of, read_text_at_most};
-use dermis::geom::Point3;
 use dermis::geom::vector::{norm, scale};
+use dermis::geom::{Point3, beyond_a_turn};
 use roxmltree::{Document, Node};
 use std::path::{Path, PathBuf};
 
@@ -180,8 +180,43 @@ impl File<'_> {
             .ok_or_else(|| self.error(node, format!("a {} without a name", node.tag_name().name()), None))
     }
 
+    /// Refuses parts of a joint that are misspelt or written twice: what is left out moves links.
+    fn check_parts(self, joint: Node<'_, '_>) -> Result<(), DesignError> {
+        const PARTS: [(&str, &[&str]); 3] =
+            [("origin", &["xyz", "rpy"]), ("axis", &["xyz"]), ("mimic", &["joint", "multiplier", "offset"])];
+        for (tag, keys) in PARTS {
+            let mut parts = joint.children().filter(|child| child.has_tag_name(tag));
+            let (first, second) = (parts.next(), parts.next());
+            if let Some(second) = second {
+                return Err(self.error(second, format!("a second <{tag}> of one joint"), Some("write one")));
+            }
+            let attributes = first.into_iter().flat_map(|part| part.attributes());
+            if let Some(wrong) = attributes.map(|attribute| attribute.name()).find(|key| !keys.contains(key)) {
+                let fix = format!("the attributes of <{tag}> are {}", keys.join(", "));
+                return Err(self.error(
+                    first.unwrap_or(joint),
+                    format!("<{tag}> has no attribute `{wrong}`"),
+                    Some(&fix),
+                ));
+            }
+        }
+        let elements = joint.children().filter(Node::is_element);
+        for (element, name) in elements.map(|element| (element, element.tag_name().name())) {
+            let near = closest_name(&name.to_lowercase(), PARTS.iter().map(|(tag, _)| *tag));
+            if let Some(near) = near.filter(|near| *near != name) {
+                return Err(self.error(
+                    element,
+                    format!("a joint has no <{name}>"),
+                    Some(&format!("did you mean <{near}>?")),
+                ));
+            }
+        }
+        Ok(())
+    }
+
     fn joint(self, node: Node<'_, '_>, links: &[String], names: &[String]) -> Result<Joint, DesignError> {
         let name = self.name_of(node)?;
+        self.check_parts(node)?;
         let child = |tag: &str| node.children().find(|child| child.has_tag_name(tag));
         let kind = match node.attribute("type") {
             Some("fixed") => JointKind::Fixed,
@@ -212,7 +247,10 @@ impl File<'_> {
             let source = self.place(mimic, source, names, &format!("what the joint `{name}` mimics"))?;
             Ok((source, self.number(mimic, "multiplier", 1.0)?, self.number(mimic, "offset", 0.0)?))
         });
-        let limit = child("limit").map_or(Ok(0.0), |limit| self.number(limit, "velocity", 0.0))?;
+        let limit = |key: &str| child("limit").map_or(Ok(0.0), |limit| self.number(limit, key, 0.0));
+        let (speed, limits) = (limit("velocity")?, [limit("lower")?, limit("upper")?]);
+        // A continuous joint has none, whatever is written.
+        let is_limited = matches!(kind, JointKind::Revolute { wraps: false } | JointKind::Prismatic);
         Ok(Joint {
             kind,
             parent,
@@ -220,7 +258,8 @@ impl File<'_> {
             origin,
             axis: scale(axis, 1.0 / norm(axis)),
             mimic: mimic.transpose()?,
-            speed_limit: Some(limit).filter(|limit| *limit > 0.0),
+            speed_limit: Some(speed).filter(|speed| *speed > 0.0),
+            limits: Some(limits).filter(|[lower, upper]| is_limited && lower < upper),
             name,
         })
     }
@@ -240,7 +279,11 @@ impl File<'_> {
             let fix = "lengths in URDF are in metres";
             return Err(self.error(node, format!("an origin {:.0} m away", norm(xyz)), Some(fix)));
         }
-        Ok(Pose::from_xyz_rpy(xyz, self.vector(Some(node), "rpy", [0.0; 3])?))
+        let rpy = self.vector(Some(node), "rpy", [0.0; 3])?;
+        if let Some(wrong) = rpy.iter().find_map(|angle_rad| beyond_a_turn("an angle of rpy", *angle_rad)) {
+            return Err(self.error(node, wrong, None));
+        }
+        Ok(Pose::from_xyz_rpy(xyz, rpy))
     }
 
     fn vector(self, node: Option<Node<'_, '_>>, key: &str, default: Point3) -> Result<Point3, DesignError> {

@@ -229,7 +229,7 @@ fn unknown_vector() -> Point3 {
     [f64::NAN; 3]
 }
 
-fn vector_or_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Point3, D::Error> {
+pub(crate) fn vector_or_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Point3, D::Error> {
     Ok(<[Option<f64>; 3]>::deserialize(deserializer)?.map(|part| part.unwrap_or(f64::NAN)))
 }
 

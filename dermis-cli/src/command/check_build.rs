@@ -2,7 +2,7 @@
 
 use crate::build_page::page;
 use crate::build_watch::FRAMES;
-use crate::console::{Progress, known, notice_line, print, print_json, warn};
+use crate::console::{Progress, known, notice_line, print, print_json, say, warn};
 use crate::failure::{Failure, Outcome};
 use crate::format::FormatArguments;
 use crate::frames::CURRENTS_HELP;
@@ -119,7 +119,7 @@ impl Arguments {
         let frames = mailbox.frames(self.take, PATIENCE, |event| match event {
             Event::Frame(_) => progress.step(),
             Event::Notice(notice) if notice.level == Severity::Error => {
-                eprintln!("{}", notice_line(notice.level, &notice.text));
+                say(notice_line(notice.level, &notice.text));
             }
             _ => {}
         });

@@ -2,7 +2,7 @@
 
 use crate::build_watch::check_first_frames;
 use crate::channels::LeaveOutElectrodes;
-use crate::console::{note, on_interrupt};
+use crate::console::{note, on_interrupt, say};
 use crate::failure::{Failure, Outcome, check_folder};
 use crate::latency;
 use crate::method::METHOD_HELP;
@@ -246,7 +246,7 @@ impl Arguments {
                 let (shared, lines) = (Arc::clone(shared), jsonl::lines(shared));
                 sinks.lines = Some(std::thread::spawn(move || {
                     if let Err(error) = jsonl::write_lines(&shared, &lines, &mut std::io::stdout()) {
-                        eprintln!("lines of JSON have ended: {error}");
+                        say(format_args!("lines of JSON have ended: {error}"));
                     }
                 }));
             }

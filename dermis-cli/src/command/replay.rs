@@ -37,6 +37,13 @@ impl Arguments {
     pub fn run(self) -> Outcome {
         let mut replay = Replay::open(&self.recording, &dermis_learn::methods(), self.method.as_deref())?;
         let name = replay.skin().design().name.clone();
+        let recorded = replay.session().state["settings"]["method"].as_str().unwrap_or_default();
+        if let Some(own) = self.method.as_deref().filter(|_| {
+            // What has a card, or was a folder, takes a method of one's own.
+            replay.session().model_card_json.is_none() && !dermis::method::is_path(recorded)
+        }) {
+            warn(&format!("the recording begins with the method `{recorded}`: {own} is not used for it"));
+        }
         let waiting = Progress::waiting("replaying");
         let mut counts = ReplayCounts::default();
         let mut failure = Ok(());

@@ -99,6 +99,10 @@ struct RunArguments {
     /// Record the skins, joint states and events in this new folder, for `dermis robot replay`.
     #[arg(long, value_name = "FOLDER")]
     record: Option<PathBuf>,
+    /// Share the skins at HOST:PORT of this machine with the program of the whole robot, whose file has the source
+    /// robot:HOST:PORT.
+    #[arg(long, value_name = "HOST:PORT")]
+    share: Option<String>,
     #[command(flatten)]
     page: PageArguments,
     /// Send a UDP datagram to HOST:PORT for each snapshot in which every required skin is known.
@@ -177,6 +181,12 @@ impl ReplayArguments {
             _ => {}
         }
         if counts.missing_frames == 0 {
+            if !replay.is_whole() {
+                warn(&format!(
+                    "{} has no end: it was cut off, and what came later is missing",
+                    self.recording.display()
+                ));
+            }
             return Ok(());
         }
         let frames = counted(counts.missing_frames, "frame");
@@ -278,13 +288,15 @@ impl RunArguments {
         };
         let mut devices = RobotDevices::new(self.emulate);
         let waiting = crate::console::Progress::waiting("preparing the skins");
-        let how = RobotOptions { rate_hz: self.rate, record: self.record.clone(), frames: self.ros2.ros2 };
+        let (record, share) = (self.record.clone(), self.share.clone());
+        let how = RobotOptions { rate_hz: self.rate, record, frames: self.ros2.ros2, share };
         let started =
             RobotLive::start(&robot, &dermis_learn::methods(), &how, |skin| self.options(&robot, skin, &mut devices));
         drop(waiting);
         let mut live = started?;
         let mut ros2 = self.publisher(&robot, &live)?;
         server.iter().for_each(|server| note(&format!("lines of JSON are at tcp:{}", server.address())));
+        live.share_address().iter().for_each(|address| note(&format!("the skins are shared at robot:{address}")));
         let (begun, mut shown) = (Instant::now(), Instant::now());
         let line = StatusLine::new();
         let mut counts = (0_u64, 0_u64);
@@ -386,7 +398,7 @@ impl RunArguments {
     }
 
     /// How a skin is read.
-    fn options(&self, robot: &Robot, skin: usize, devices: &mut RobotDevices) -> Outcome<LiveOptions> {
+    fn options(&self, robot: &Robot, skin: usize, devices: &mut RobotDevices) -> Outcome<Option<LiveOptions>> {
         let method = robot.skins()[skin].method.as_deref().unwrap_or_default();
         // A calibration knows the skin as it is; a twin without noise has equal frames.
         let force_tare = Calibration::is_named(method) || self.emulate && self.emulator.is_noise_free();

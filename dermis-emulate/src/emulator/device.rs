@@ -12,6 +12,7 @@ use dermis_live::{LiveError, Pressable};
 use dermis_sim::twin::{ContactHistory, Press, Twin, TwinOptions};
 use dermis_wire::{Frame, FrameFlags, Hello, NoRoom, Readings, Slot, ToHost, VERSION};
 use std::collections::BTreeMap;
+use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -183,7 +184,8 @@ impl Emulator {
     /// Warns once, on standard error, that frames were skipped.
     pub(super) fn is_slow(&self, rate_hz: f64) {
         if !self.said_slow.swap(true, Ordering::Relaxed) {
-            eprintln!(
+            let _ = writeln!(
+                std::io::stderr(),
                 "the emulated device leaves frames out: its twin `{}` takes longer than the {:.1} ms that a frame has here; \
                  --speed 0.25 slows the device down, --prerender 480 makes the first 480 frames beforehand",
                 printable(&self.options.twin.name),

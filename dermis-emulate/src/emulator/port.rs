@@ -51,7 +51,11 @@ impl Emulator {
         let serving = Arc::clone(self);
         let serve = move || {
             if let Err(error) = serving.serve(Port::Tcp(listener)) {
-                eprintln!("the emulated device has failed: {}", printable_lines(&error.to_string()));
+                let _ = writeln!(
+                    std::io::stderr(),
+                    "the emulated device has failed: {}",
+                    printable_lines(&error.to_string())
+                );
             }
         };
         std::thread::Builder::new().name("dermis-device".into()).spawn(serve).map_err(broken)?;

@@ -167,7 +167,8 @@ fn network(path: &Path, session: &Session, methods: &MethodSet, name: &str) -> R
 
 fn without_its_network(path: &Path, name: &str) -> String {
     format!(
-        "{} was recorded with the network `{name}`, which this version does not hold: give its folder, --method FOLDER",
+        "{} was recorded with `{name}`, which is no method of this version: give the folder of its network or calibration, --method \
+         FOLDER",
         path.display()
     )
 }
@@ -207,8 +208,17 @@ impl Replay {
     }
 
     /// The same of a skin whose methods are prepared.
+    ///
+    /// # Errors
+    /// As there; a recording of another skin.
     pub(crate) fn with(path: &Path, methods: &Arc<MethodSet>) -> Result<Self, LiveError> {
-        Self::of(path, Recording::open(path)?, methods)
+        let recording = Recording::open(path)?;
+        let skin = Skin::parse(&recording.session.design_toml, "design.toml")?;
+        if skin.design().sha256() != methods.skin().design().sha256() {
+            let message = "was recorded with another body, other electrodes or channels than its design has now: put the design back";
+            return Err(LiveError::Given(format!("{} {message}", path.display())));
+        }
+        Self::of(path, recording, methods)
     }
 
     fn of(path: &Path, recording: Recording, methods: &Arc<MethodSet>) -> Result<Self, LiveError> {

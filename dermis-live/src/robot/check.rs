@@ -89,7 +89,7 @@ pub struct Neighbours {
 /// # Errors
 /// A method that does not exist or cannot be prepared.
 pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotReport, LiveError> {
-    for worn in robot.skins().iter().filter(|worn| worn.source != "emulate") {
+    for worn in robot.skins().iter().filter(|worn| worn.source != "emulate" && worn.part().is_none()) {
         Address::parse(&worn.source).map_err(|error| LiveError::Given(format!("the skin `{}`: {error}", worn.name)))?;
     }
     let mut prepared = Prepared::new(methods);
@@ -130,12 +130,15 @@ pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotRepo
         let names: Vec<&str> = kinematics.joint_names().collect();
         robot.needed_joints().iter().map(|&joint| names[joint].to_string()).collect()
     });
+    let read_here = skins.iter().zip(robot.skins()).filter(|(_, worn)| worn.part().is_none());
     Ok(RobotReport {
         robot: robot.name().into(),
         base: robot.base().map(String::from),
         joints: joints.unwrap_or_default(),
-        warnings: robot.rules().iter().filter_map(|rule| without_forces(rule, &skins)).collect(),
-        cores: rate_hz * skins.iter().map(|skin| skin.frame_s).sum::<f64>(),
+        warnings: unconnected(robot)
+            .chain(robot.rules().iter().filter_map(|rule| without_forces(rule, &skins)))
+            .collect(),
+        cores: rate_hz * read_here.map(|(skin, _)| skin.frame_s).sum::<f64>(),
         skins,
         neighbours,
         rate_hz,
@@ -145,6 +148,25 @@ pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotRepo
 /// The pixels of a skin in its link's frame, m.
 fn places(worn: &WornSkin, set: &MethodSet) -> Vec<Point3> {
     set.skin().pixels().centres_m.iter().map(|place| worn.origin.point(*place)).collect()
+}
+
+/// Skins whose links no chain of joints connects to the base.
+fn unconnected(robot: &Robot) -> impl Iterator<Item = String> {
+    let poses = robot.kinematics().map(|kinematics| robot.poses(&vec![0.0; kinematics.joint_names().len()]));
+    let pose = |worn: &&WornSkin| {
+        let index = robot.kinematics().and_then(|kinematics| kinematics.link(&worn.link))?;
+        poses.as_ref()?[index].as_ref()
+    };
+    let is_apart = |worn: &&WornSkin| poses.is_some() && pose(worn).is_none();
+    robot.skins().iter().filter(is_apart).map(|worn| {
+        format!(
+            "no chain of joints leads from the base `{}` to the link `{}` of the skin `{}`: where its contacts are in the frame of the \
+             base stays unknown",
+            robot.base().unwrap_or_default(),
+            worn.link,
+            worn.name
+        )
+    }).collect::<Vec<_>>().into_iter()
 }
 
 /// Why a rule of forces is about skins without.

@@ -13,9 +13,9 @@
 //!
 //! # fn example() -> Result<(), Box<dyn std::error::Error>> {
 //! let robot = Arc::new(Robot::load(Path::new("ur5.toml"))?);
-//! let device = |index: usize| -> Result<LiveOptions, LiveError> {
+//! let device = |index: usize| -> Result<Option<LiveOptions>, LiveError> {
 //!     let address = Address::parse(&robot.skins()[index].source)?;
-//!     Ok(LiveOptions { waits: true, ..LiveOptions::new(address, Settings::default()) })
+//!     Ok(Some(LiveOptions { waits: true, ..LiveOptions::new(address, Settings::default()) }))
 //! };
 //! let mut live = RobotLive::start(&robot, &Methods::linear(), &RobotOptions::default(), device)?;
 //! while let Some(output) = live.next(Duration::from_secs(1)) {
@@ -28,25 +28,29 @@
 //! ```
 
 mod check;
+mod joints;
+mod part;
 mod recording;
 
 pub use check::{Neighbours, RobotReport, SkinReport, check};
 pub use recording::RobotReplay;
 
+use self::joints::{Arrival, JointStates, bind, listen, lock_arrival, subscribe};
+use self::part::{Follower, Greeting, StoppedThread, Wanted};
 use crate::clock;
 use crate::runtime::{Event, Live, LiveFrame, LiveOptions, Mailbox, Popped};
+use crate::sinks::jsonl::{self, LineServer};
 use crate::{LiveError, runtime};
 use dermis::method::{MethodSet, Methods};
-use dermis::pipeline::{Command, Notice, Severity, Timestamp};
+use dermis::pipeline::{Command, Notice, Severity, Timestamp, Validity};
 use dermis::skin::Skin;
-use dermis_robot::{JointSource, Robot, RobotState, RuleEvent, Snapshot, UnknownReason, WornSkin};
+use dermis_robot::{JointSource, Robot, RobotState, RuleEvent, SkinFrame, Snapshot, UnknownReason, WornSkin};
 use recording::{Input, RobotRecording};
-use serde::{Deserialize, Serialize};
-use std::collections::{HashMap, VecDeque};
-use std::net::UdpSocket;
+use serde::Serialize;
+use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -54,14 +58,12 @@ use std::time::{Duration, Instant};
 const WAITING: usize = 256;
 /// Time until a skin that has failed is read again.
 const AGAIN: Duration = Duration::from_secs(1);
-/// Shortest time between two notices of joint states.
+/// Shortest time between two notices of joint states or clocks.
 const JOINT_NOTICE: Duration = Duration::from_secs(2);
 /// Joint states are missing after this time.
 const JOINTS_MISSING: Duration = Duration::from_secs(1);
-/// Joint states in a row that are off the clock by more than `age_s`: fewer are late by chance.
+/// Joint states, or frames of a part, in a row that are off the clock by more than `age_s`: fewer are late by chance.
 const OFF_CLOCK: u32 = 10;
-/// Longest datagram of joint states, bytes: that of UDP.
-const DATAGRAM: usize = 1 << 16;
 
 /// How the skins of a robot are read.
 #[derive(Debug, Clone, PartialEq)]
@@ -72,11 +74,14 @@ pub struct RobotOptions {
     pub record: Option<PathBuf>,
     /// Whether frames of skins are outputs.
     pub frames: bool,
+    /// The address, `HOST:PORT` of this machine, at which the skins are shared with the program of the whole robot, whose file
+    /// names it as their source.
+    pub share: Option<String>,
 }
 
 impl Default for RobotOptions {
     fn default() -> Self {
-        RobotOptions { rate_hz: 50.0, record: None, frames: false }
+        RobotOptions { rate_hz: 50.0, record: None, frames: false, share: None }
     }
 }
 
@@ -114,6 +119,10 @@ impl RobotOutput {
 /// What comes in.
 enum Incoming {
     Skin(usize, Event),
+    /// What another program says of a skin that it reads.
+    Part(usize, Input),
+    /// A message of the robot itself.
+    Notice(Notice),
     /// A skin is no longer read.
     Ended(usize),
     Joints {
@@ -125,18 +134,10 @@ enum Incoming {
     Wrong(String),
 }
 
-/// Joint states as a datagram of JSON, with the names of `sensor_msgs/JointState`.
-#[derive(Debug, Deserialize)]
-struct JointStates {
-    /// When they were measured, seconds since 1970; without it, when they arrived.
-    stamp_s: Option<f64>,
-    name: Vec<String>,
-    position: Vec<f64>,
-}
-
 /// A skin of the robot.
 struct Reader {
-    options: LiveOptions,
+    /// `None` if another program reads it.
+    options: Option<LiveOptions>,
     methods: Arc<MethodSet>,
     live: Option<(Live, JoinHandle<()>)>,
     /// When it is read again.
@@ -173,13 +174,16 @@ pub struct RobotLive {
     state: RobotState,
     readers: Vec<Reader>,
     incoming: Arc<Mailbox<Incoming>>,
-    joints: Option<JointThread>,
+    joints: Option<StoppedThread>,
+    /// Threads that follow the other programs that read skins.
+    parts: Vec<StoppedThread>,
+    share: Option<LineServer>,
     joint_notice: Option<Instant>,
     /// When joint states came last, of whatever use, and whether it was said that they do not.
     joints_seen: Arrival,
     are_joints_missing: bool,
-    /// Joint states in a row whose times are not those of this clock.
-    off_clock: u32,
+    /// Joint states in a row, and then frames of each skin, whose times are not those of this clock.
+    off_clock: Vec<u32>,
     recording: Option<RobotRecording>,
     frames: bool,
     waiting: VecDeque<RobotOutput>,
@@ -195,16 +199,18 @@ impl std::fmt::Debug for RobotLive {
 
 impl RobotLive {
     /// Prepares the skins and begins to read them; equal skins are prepared once. `options` are those of each skin, by index:
-    /// its address, and its settings, whose method is that of the robot's file.
+    /// its address, and its settings, whose method is that of the robot's file; `None` for a skin that [another
+    /// program](WornSkin::part) reads.
     ///
     /// # Errors
-    /// A method that does not exist or cannot be prepared, a socket of joint states that cannot be opened, a folder of a
+    /// A method that does not exist or cannot be prepared, a socket of joint states that cannot be opened, an address at which the
+    /// skins cannot be shared, a folder of a
     /// recording that exists or cannot be written, those of `options`. A device that is not there or is refused is waited for.
     pub fn start<E: From<LiveError>>(
         robot: &Arc<Robot>,
         methods: &Methods,
         how: &RobotOptions,
-        mut options: impl FnMut(usize) -> Result<LiveOptions, E>,
+        mut options: impl FnMut(usize) -> Result<Option<LiveOptions>, E>,
     ) -> Result<Self, E> {
         let incoming = Arc::new(Mailbox::new(WAITING * robot.skins().len()));
         // An address that is in use is known before the skins are prepared.
@@ -215,9 +221,10 @@ impl RobotLive {
         let (mut prepared, mut readers) = (Prepared::new(methods), Vec::new());
         for (index, worn) in robot.skins().iter().enumerate() {
             let methods = prepared.of(worn)?;
-            let again = Some(Instant::now());
+            let again = None;
             readers.push(Reader { options: options(index)?, methods, live: None, again, said: String::new() });
         }
+        let share = how.share.as_ref().map(|address| share(address, robot)).transpose()?;
         let recording = how.record.as_ref().map(|folder| RobotRecording::create(robot, folder)).transpose()?;
         let joints_seen = Arc::default();
         let joints = match (socket, robot.joint_source()) {
@@ -230,18 +237,42 @@ impl RobotLive {
             readers,
             incoming,
             joints,
+            parts: Vec::new(),
+            share,
             joint_notice: None,
             joints_seen,
             are_joints_missing: false,
-            off_clock: 0,
+            off_clock: vec![0; 1 + robot.skins().len()],
             recording,
             frames: how.frames,
             waiting: VecDeque::new(),
             interval: Duration::from_secs_f64(1.0 / how.rate_hz),
             next_snapshot: Instant::now(),
         };
+        robot.follow();
         (0..robot.readers.len()).try_for_each(|skin| robot.read(skin))?;
         Ok(robot)
+    }
+
+    /// Follows the other programs that read skins.
+    fn follow(&mut self) {
+        let mut parts: BTreeMap<String, Vec<Wanted>> = BTreeMap::new();
+        let skins = self.state.robot().skins().iter().zip(&self.readers).enumerate();
+        for (index, (worn, _)) in skins.filter(|(_, (_, reader))| reader.options.is_none()) {
+            let wanted =
+                Wanted { index, name: worn.name.clone(), design: dermis::text::hexadecimal(&worn.design_sha256) };
+            parts.entry(worn.part().unwrap_or_default().into()).or_default().push(wanted);
+        }
+        for (address, skins) in parts {
+            let incoming = Arc::clone(&self.incoming);
+            let follower = Follower { address, skins, take: move |said| incoming.put(said) };
+            self.parts.push(StoppedThread::spawn("dermis-part", move |stopped| follower.run(stopped)));
+        }
+    }
+
+    /// Where the skins are shared.
+    pub fn share_address(&self) -> Option<SocketAddr> {
+        self.share.as_ref().map(LineServer::address)
     }
 
     /// The state of the robot.
@@ -273,15 +304,39 @@ impl RobotLive {
         }
     }
 
+    /// Tells whoever joins this part of a robot.
+    fn tell(&self, at: Timestamp, input: impl FnOnce() -> Input) {
+        if let Some(server) = self.share.as_ref().filter(|server| server.readers() > 0)
+            && let Ok(line) = jsonl::line(&recording::Line { at, input: input() })
+        {
+            server.send(&line);
+        }
+    }
+
+    /// Tells the state what is known of a skin without its frame, and records it.
+    fn take_input(&mut self, skin: usize, input: Input, now: Timestamp) -> Vec<RuleEvent> {
+        let events = input.apply(&mut self.state, skin, now);
+        self.tell(now, || input.clone());
+        self.record(now, || input);
+        events
+    }
+
     fn name(&self, skin: usize) -> String {
         self.state.robot().skins()[skin].name.clone()
     }
 
-    /// Begins a new tare of a skin, or of all that are read.
-    pub fn tare(&self, skin: Option<&str>) {
-        for (reader, worn) in self.readers.iter().zip(self.state.robot().skins()) {
-            if let Some((live, _)) = reader.live.as_ref().filter(|_| skin.is_none_or(|skin| skin == worn.name)) {
-                live.shared().command(Command::Tare);
+    /// Begins a new tare of a skin, or of all that are read. One that another program reads is tared there, which is said.
+    pub fn tare(&mut self, skin: Option<&str>) {
+        let robot = Arc::clone(self.state.robot());
+        for (index, worn) in
+            robot.skins().iter().enumerate().filter(|(_, worn)| skin.is_none_or(|skin| skin == worn.name))
+        {
+            match &self.readers[index] {
+                Reader { live: Some((live, _)), .. } => live.shared().command(Command::Tare),
+                Reader { options: None, .. } => {
+                    self.error(Some(index), format!("no tare: take it at {}, which reads this skin", worn.source));
+                }
+                Reader { .. } => {}
             }
         }
     }
@@ -328,7 +383,7 @@ impl RobotLive {
             // A thread that panicked has printed its message already.
             let _ = forward.join();
         }
-        drop(self.joints);
+        drop((self.joints, self.parts, self.share));
         self.recording.and_then(RobotRecording::stop)
     }
 
@@ -354,23 +409,27 @@ impl RobotLive {
     fn take(&mut self, incoming: Incoming) {
         let now = clock::now();
         let events = match incoming {
+            // Nothing but its time tells a frame that was computed too late from another one: a replay has to be told.
+            Incoming::Skin(skin, Event::Frame(frame)) if matches!(frame.result.validity, Validity::Stale { .. }) => {
+                self.show(skin, frame);
+                self.take_input(skin, Input::Stale { skin: self.name(skin) }, now)
+            }
             Incoming::Skin(skin, Event::Frame(frame)) => {
                 let (measured_at, rate_hz) = (frame.result.measured_at, frame.result.health.rate_hz);
                 self.record(now, || Input::Frame { skin: self.name(skin), measured_at, rate_hz });
+                self.tell(now, || Input::Known { skin: self.name(skin), frame: SkinFrame::from(&frame.result) });
                 let events = self.state.frame(skin, &frame.result, now);
                 self.readers[skin].said.clear();
                 self.show(skin, frame);
                 events
             }
             Incoming::Skin(skin, Event::Stale(frame)) => {
-                self.record(now, || Input::Stale { skin: self.name(skin) });
                 self.show(skin, frame);
-                self.state.stale(skin, now)
+                self.take_input(skin, Input::Stale { skin: self.name(skin) }, now)
             }
             Incoming::Skin(skin, Event::Connected(facts)) => {
                 self.report_swap(skin, facts.serial);
-                self.record(now, || Input::Connected { skin: self.name(skin), serial: facts.serial });
-                self.state.connected(skin, facts.serial, now)
+                self.take_input(skin, Input::Connected { skin: self.name(skin), serial: facts.serial }, now)
             }
             Incoming::Skin(skin, Event::Lost(why)) => {
                 self.error(Some(skin), why);
@@ -381,14 +440,33 @@ impl RobotLive {
                 Vec::new()
             }
             Incoming::Skin(_, Event::Done(_) | Event::State(_)) => Vec::new(),
+            Incoming::Part(skin, input) => {
+                match &input {
+                    Input::Connected { serial, .. } => self.report_swap(skin, *serial),
+                    Input::Known { frame, .. } => {
+                        let what = format!("the frames of `{}`", self.name(skin));
+                        self.check_clock(1 + skin, &what, "it is unknown", frame.measured_at, now);
+                    }
+                    _ => {}
+                }
+                self.take_input(skin, input, now)
+            }
+            Incoming::Notice(notice) => {
+                self.notice(None, notice);
+                Vec::new()
+            }
             Incoming::Ended(skin) => self.ended(skin, now),
             Incoming::Joints { at, states, is_stamped } => {
                 let given: Vec<(&str, f64)> =
                     states.name.iter().map(String::as_str).zip(states.position.iter().copied()).collect();
-                match self.joints(at, &given) {
-                    Ok(()) => self.have_joints(at, now, is_stamped),
-                    Err(error) => self.joint_notice(error),
+                if is_stamped {
+                    let effect = "positions in the frame of the base are unknown";
+                    self.check_clock(0, "the joint states", effect, at, now);
                 }
+                // States cannot be measured after they have come: a clock that is a little ahead gives way to this one.
+                let is_far_ahead = at.seconds_since(now) > self.state.robot().age_s();
+                let taken = if is_far_ahead { Ok(()) } else { self.joints(at.min(now), &given) };
+                taken.unwrap_or_else(|error| self.joint_notice(error));
                 Vec::new()
             }
             Incoming::Wrong(error) => {
@@ -399,18 +477,14 @@ impl RobotLive {
         self.queue(events);
     }
 
-    /// Joint states have come. Those of another time are of no frame: several in a row are of another clock.
-    fn have_joints(&mut self, at: Timestamp, now: Timestamp, is_stamped: bool) {
+    /// What comes with the time of another computer is of use only at that time: several in a row that are old are of another clock.
+    fn check_clock(&mut self, which: usize, what: &str, effect: &str, at: Timestamp, now: Timestamp) {
         let age_s = now.seconds_since(at);
-        let is_off = is_stamped && age_s.abs() > self.state.robot().age_s();
-        self.off_clock = if is_off { self.off_clock + 1 } else { 0 };
-        if self.off_clock >= OFF_CLOCK {
+        let is_off = age_s.abs() > self.state.robot().age_s();
+        self.off_clock[which] = if is_off { self.off_clock[which] + 1 } else { 0 };
+        if self.off_clock[which] >= OFF_CLOCK {
             let relation = if age_s > 0.0 { "old" } else { "ahead of this clock" };
-            let text = format!(
-                "the joint states are {:.2} s {relation}: positions in the frame of the base are unknown; set both clocks alike",
-                age_s.abs()
-            );
-            self.joint_notice(text);
+            self.joint_notice(format!("{what} are {:.2} s {relation}: {effect}; set both clocks alike", age_s.abs()));
         }
     }
 
@@ -467,7 +541,8 @@ impl RobotLive {
         if let Some((live, forward)) = reader.live.take() {
             let failure = live.take_failure();
             // It continues with its baseline.
-            reader.options.state = Some(live.stop());
+            let state = live.stop();
+            reader.options.iter_mut().for_each(|options| options.state = Some(state.clone()));
             let _ = forward.join();
             reason = self.say_failure(skin, failure.as_ref());
         }
@@ -511,8 +586,7 @@ impl RobotLive {
     }
 
     fn fault(&mut self, skin: usize, reason: UnknownReason, now: Timestamp) -> Vec<RuleEvent> {
-        self.record(now, || Input::Fault { skin: self.name(skin), reason });
-        self.state.fault(skin, reason, now)
+        self.take_input(skin, Input::Fault { skin: self.name(skin), reason }, now)
     }
 
     fn read_again(&mut self) {
@@ -529,7 +603,8 @@ impl RobotLive {
     fn read(&mut self, skin: usize) -> Result<(), LiveError> {
         let reader = &mut self.readers[skin];
         reader.again = None;
-        let live = match Live::start(Arc::clone(&reader.methods), reader.options.clone()) {
+        let Some(options) = &reader.options else { return Ok(()) };
+        let live = match Live::start(Arc::clone(&reader.methods), options.clone()) {
             Ok(live) => live,
             Err(
                 error @ (LiveError::Refused { .. }
@@ -566,126 +641,11 @@ impl RobotLive {
     }
 }
 
-/// A socket for joint states.
-fn bind(address: &str) -> Result<UdpSocket, LiveError> {
-    let failed = |error: std::io::Error| {
-        let fix = "write joints = \"udp:HOST:PORT\" with an address of this machine and a free port";
-        LiveError::Given(format!("cannot receive joint states at {address}: {error}; {fix}"))
-    };
-    let socket = UdpSocket::bind(address).map_err(failed)?;
-    socket.set_read_timeout(Some(runtime::POLL)).map_err(failed)?;
-    Ok(socket)
-}
-
-/// When something came last.
-type Arrival = Arc<Mutex<Option<Instant>>>;
-
-fn lock_arrival(arrival: &Arrival) -> MutexGuard<'_, Option<Instant>> {
-    arrival.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// A thread that receives joint states; it ends with it.
-struct JointThread {
-    thread: Option<JoinHandle<()>>,
-    is_stopped: Arc<AtomicBool>,
-}
-
-impl JointThread {
-    fn spawn(run: impl FnOnce(&AtomicBool) + Send + 'static) -> Self {
-        let is_stopped = Arc::new(AtomicBool::new(false));
-        let stopped = Arc::clone(&is_stopped);
-        JointThread { thread: Some(runtime::spawn("dermis-joints", move || run(&stopped))), is_stopped }
-    }
-}
-
-impl Drop for JointThread {
-    fn drop(&mut self) {
-        self.is_stopped.store(true, Ordering::Relaxed);
-        // A thread that panicked has printed its message already.
-        self.thread.take().map(JoinHandle::join);
-    }
-}
-
-/// Receives joint states, without those that came before.
-fn listen(socket: UdpSocket, incoming: &Arc<Mailbox<Incoming>>, arrival: &Arrival) -> JointThread {
-    let (incoming, arrival) = (Arc::clone(incoming), Arc::clone(arrival));
-    let run = move |stopped: &AtomicBool| {
-        let mut datagram = vec![0; DATAGRAM];
-        if socket.set_nonblocking(true).is_ok() {
-            while socket.recv(&mut datagram).is_ok() {}
-        }
-        // A socket that does not block would be asked without end.
-        if socket.set_nonblocking(false).is_err() {
-            return;
-        }
-        while !stopped.load(Ordering::Relaxed) {
-            if let Ok(length) = socket.recv(&mut datagram) {
-                *lock_arrival(&arrival) = Some(Instant::now());
-                incoming.put(joint_states(&datagram[..length], clock::now()));
-            }
-        }
-    };
-    JointThread::spawn(run)
-}
-
-/// Subscribes to joint states of ROS 2.
-#[cfg(feature = "ros2")]
-fn subscribe(topic: &str, incoming: &Arc<Mailbox<Incoming>>, arrival: &Arrival) -> Result<JointThread, LiveError> {
-    /// Interval of looks: the messages have their times.
-    const LOOK: Duration = Duration::from_millis(2);
-    let states = crate::sinks::ros2::robot::JointStates::subscribe(topic)
-        .map_err(|error| LiveError::Given(format!("cannot receive joint states: {error}")))?;
-    let (incoming, arrival) = (Arc::clone(incoming), Arc::clone(arrival));
-    let run = move |stopped: &AtomicBool| {
-        while !stopped.load(Ordering::Relaxed) {
-            match states.take() {
-                Ok(Some((stamp, state))) => {
-                    *lock_arrival(&arrival) = Some(Instant::now());
-                    let states = JointStates { stamp_s: None, name: state.name, position: state.position };
-                    incoming.put(states.taken(stamp, clock::now()));
-                }
-                Ok(None) => std::thread::sleep(LOOK),
-                Err(error) => {
-                    incoming.put(Incoming::Wrong(format!("joint states that cannot be read: {error}")));
-                    std::thread::sleep(LOOK);
-                }
-            }
-        }
-    };
-    Ok(JointThread::spawn(run))
-}
-
-#[cfg(not(feature = "ros2"))]
-fn subscribe(topic: &str, _: &Arc<Mailbox<Incoming>>, _: &Arrival) -> Result<JointThread, LiveError> {
-    let fix = "build it with ROS 2 (`--features ros2`), or take joints = \"udp:HOST:PORT\"";
-    Err(LiveError::Given(format!("joint states of {topic}: this program was built without ROS 2; {fix}")))
-}
-
-impl JointStates {
-    /// As they come in.
-    fn taken(self, stamp: Option<Timestamp>, arrived: Timestamp) -> Incoming {
-        if self.name.len() == self.position.len() {
-            return Incoming::Joints { at: stamp.unwrap_or(arrived), states: self, is_stamped: stamp.is_some() };
-        }
-        let (names, positions) = (self.name.len(), self.position.len());
-        Incoming::Wrong(format!("joint states with {names} names and {positions} positions: give one for each"))
-    }
-}
-
-/// Joint states in a datagram that arrived at a time.
-fn joint_states(datagram: &[u8], arrived: Timestamp) -> Incoming {
-    const SHAPE: &str = r#"send {"stamp_s": 1764200000.5, "name": ["elbow"], "position": [0.1]}"#;
-    let states: JointStates = match serde_json::from_slice(datagram) {
-        Ok(states) => states,
-        Err(error) => return Incoming::Wrong(format!("joint states that cannot be read: {error}; {SHAPE}")),
-    };
-    let stamp = match states.stamp_s {
-        None => None,
-        Some(seconds) if (0.0..1e10).contains(&seconds) => Some(Timestamp { unix_ns: (seconds * 1e9).round() as u64 }),
-        Some(seconds) => {
-            let text = format!("joint states of the time {seconds}: `stamp_s` is in seconds since 1970");
-            return Incoming::Wrong(text);
-        }
-    };
-    states.taken(stamp, arrived)
+/// Shares the skins that are read with the program of the whole robot.
+fn share(address: &str, robot: &Robot) -> Result<LineServer, LiveError> {
+    // Contacts are in the frame of the design.
+    let of = |worn: &WornSkin| (worn.name.clone(), dermis::text::hexadecimal(&worn.design_sha256));
+    let greeting = Greeting { robot: robot.name().into(), skins: robot.skins().iter().map(of).collect() };
+    let line = jsonl::line(&greeting).map_err(|error| LiveError::Given(error.to_string()))?;
+    LineServer::with_greeting("--share ", address, line)
 }

@@ -10,13 +10,13 @@
 //! Replayed, they give the same events and snapshots. Both kinds of files are complete up to half a second before a crash.
 
 use super::{Prepared, RobotOutput};
-use crate::LiveError;
 use crate::recording::{RecordError, RecordingLimits, RecordingSink, Replay, Replayed};
 use crate::runtime::{self, LiveFrame, LiveHandle};
+use crate::{LiveError, clock};
 use dermis::method::{MethodSet, Methods};
 use dermis::pipeline::Timestamp;
 use dermis::skin::Skin;
-use dermis_robot::{Robot, RobotState, RuleEvent, UnknownReason};
+use dermis_robot::{Robot, RobotState, RuleEvent, SkinFrame, UnknownReason};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -42,6 +42,8 @@ const FLUSHED: Duration = Duration::from_millis(400);
 pub(super) enum Input {
     /// A frame of a skin, which is in its recording, and the rate at which they arrived.
     Frame { skin: String, measured_at: Timestamp, rate_hz: f64 },
+    /// A frame of a skin that another program reads.
+    Known { skin: String, frame: SkinFrame },
     /// Its last frame is stale.
     Stale { skin: String },
     /// Its device is there.
@@ -54,13 +56,44 @@ pub(super) enum Input {
     Joints { measured_at: Timestamp, positions: Vec<(String, f64)> },
     /// Time passes, and a snapshot is made.
     Snapshot,
+    /// The recording was ended, and not cut off.
+    End,
 }
 
+impl Input {
+    /// Tells the state of a robot; frames in recordings and what concerns no skin are not told.
+    pub(super) fn apply(&self, state: &mut RobotState, skin: usize, at: Timestamp) -> Vec<RuleEvent> {
+        match self {
+            Input::Known { frame, .. } => state.known(skin, frame.clone(), at),
+            Input::Stale { .. } => state.stale(skin, at),
+            Input::Connected { serial, .. } => state.connected(skin, *serial, at),
+            Input::Fault { reason, .. } => state.fault(skin, *reason, at),
+            Input::Frame { .. } | Input::Read { .. } | Input::Joints { .. } | Input::Snapshot | Input::End => {
+                Vec::new()
+            }
+        }
+    }
+
+    /// The skin that it concerns.
+    pub(super) fn skin(&self) -> Option<&str> {
+        match self {
+            Input::Frame { skin, .. }
+            | Input::Known { skin, .. }
+            | Input::Stale { skin }
+            | Input::Connected { skin, .. }
+            | Input::Fault { skin, .. }
+            | Input::Read { skin, .. } => Some(skin),
+            Input::Joints { .. } | Input::Snapshot | Input::End => None,
+        }
+    }
+}
+
+/// An input with the time at which it was taken.
 #[derive(Debug, Serialize, Deserialize)]
-struct Line {
-    at: Timestamp,
+pub(super) struct Line {
+    pub(super) at: Timestamp,
     #[serde(flatten)]
-    input: Input,
+    pub(super) input: Input,
 }
 
 /// A recording in progress.
@@ -144,6 +177,7 @@ impl RobotRecording {
     /// Ends the recording. Returns why it is not complete, if it is not.
     pub(super) fn stop(mut self) -> Option<String> {
         (0..self.skins.len()).for_each(|skin| self.end(skin));
+        self.take(clock::now(), Input::End);
         drop(self.inputs);
         // A thread that panicked has printed its message already.
         let _ = self.thread.join();
@@ -195,6 +229,7 @@ pub struct RobotReplay {
     skins: Vec<SkinReplay>,
     waiting: VecDeque<RobotOutput>,
     missing: u64,
+    is_whole: bool,
     /// When the first frame that is missing was taken, and the last input.
     first_missing: Option<Timestamp>,
     last: Timestamp,
@@ -227,6 +262,7 @@ impl RobotReplay {
             line: 0,
             waiting: VecDeque::new(),
             missing: 0,
+            is_whole: false,
             first_missing: None,
             last: Timestamp::default(),
         })
@@ -240,6 +276,11 @@ impl RobotReplay {
     /// Frames that the recordings of the skins do not hold, because they were cut off or damaged.
     pub fn missing_frames(&self) -> u64 {
         self.missing
+    }
+
+    /// Whether the recording was read to its end, and was not cut off.
+    pub fn is_whole(&self) -> bool {
+        self.is_whole
     }
 
     /// How long before its end the recording lacks frames, s, if it lacks any: less than a second after a crash or a kill.
@@ -301,23 +342,22 @@ impl RobotReplay {
                     }
                 }
             }
-            Input::Stale { skin } => {
-                let index = self.skin(&skin)?;
-                events(self.state.stale(index, at))
-            }
-            Input::Connected { skin, serial } => {
-                let index = self.skin(&skin)?;
-                events(self.state.connected(index, serial, at))
-            }
-            Input::Fault { skin, reason } => {
-                let index = self.skin(&skin)?;
-                events(self.state.fault(index, reason, at))
+            Input::Known { ref skin, .. }
+            | Input::Stale { ref skin }
+            | Input::Connected { ref skin, .. }
+            | Input::Fault { ref skin, .. } => {
+                let index = self.skin(skin)?;
+                events(input.apply(&mut self.state, index, at))
             }
             Input::Joints { measured_at, positions } => {
                 let positions: Vec<(&str, f64)> =
                     positions.iter().map(|(name, position)| (name.as_str(), *position)).collect();
                 // States that were refused are refused again.
                 let _ = self.state.joints(measured_at, &positions);
+                Ok(Vec::new())
+            }
+            Input::End => {
+                self.is_whole = true;
                 Ok(Vec::new())
             }
             Input::Snapshot => {

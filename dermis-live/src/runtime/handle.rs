@@ -149,7 +149,7 @@ impl LiveHandle {
             lock(&self.early_notices).iter().for_each(|notice| mailbox.put(Event::Notice(notice.clone())));
         }
         let mut subscribers = lock(&self.subscribers);
-        if self.ended.load(Ordering::Relaxed) {
+        if self.is_ended() {
             mailbox.close();
         }
         subscribers.push(Subscriber { sink, mailbox: Arc::clone(&mailbox) });
@@ -228,6 +228,11 @@ impl LiveHandle {
     /// Whether it is being stopped.
     pub(crate) fn is_stopped(&self) -> bool {
         self.stopped.load(Ordering::Relaxed)
+    }
+
+    /// Whether no more events will come.
+    pub(super) fn is_ended(&self) -> bool {
+        self.ended.load(Ordering::Relaxed)
     }
 
     /// Sends an event to every subscriber; of too many notices in a second only their number.

@@ -27,6 +27,7 @@ mod mailbox;
 mod notice_limit;
 mod pipeline_thread;
 mod statistics;
+mod watch;
 
 pub use control::{ClientSession, Control, Pressable, RecordingOptions};
 pub use frame::LiveFrame;
@@ -43,6 +44,7 @@ use crate::device::{Address, Connection, DeviceFacts, DeviceOptions};
 use crate::recording::Player;
 use crate::runtime::device_thread::DeviceThread;
 use crate::runtime::pipeline_thread::PipelineThread;
+use crate::runtime::watch::Watch;
 use dermis::method::MethodSet;
 use dermis::pipeline::{Command, Notice, Pipeline, Settings, State};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -162,11 +164,14 @@ impl Live {
         // A method that fails is reported when it is asked for.
         let methods = Arc::clone(pipeline.methods());
         spawn("dermis-methods", move || drop(methods.prepare()));
-        let worker = PipelineThread::new(Arc::clone(&shared), pipeline, input);
-        let [of_source, of_worker] = [(); 2].map(|()| EndsOnPanic(Arc::clone(&shared)));
-        let source = move || of_source.run(source);
-        let threads =
-            vec![spawn("dermis-listen", source), spawn("dermis-contacts", move || of_worker.run(|| worker.run()))];
+        let watch = Arc::new(Watch::new(Arc::clone(&shared), input));
+        let worker = PipelineThread::new(Arc::clone(&shared), pipeline, input, Arc::clone(&watch));
+        let [of_source, of_worker, of_watch] = [(); 3].map(|()| EndsOnPanic(Arc::clone(&shared)));
+        let threads = vec![
+            spawn("dermis-listen", move || of_source.run(source)),
+            spawn("dermis-contacts", move || of_worker.run(|| worker.run())),
+            spawn("dermis-watch", move || of_watch.run(|| watch.run())),
+        ];
         Live { shared, threads }
     }
 
@@ -231,6 +236,7 @@ pub(crate) const POLL: Duration = Duration::from_millis(50);
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::runtime::watch::STALE;
     use dermis::method::Methods;
     use dermis::pipeline::Severity;
     use dermis::skin::Skin;
@@ -265,6 +271,29 @@ mod tests {
             }
             assert!((1..=5 * seconds).contains(&shown), "{shown}");
             assert_eq!(shown + omitted, SENT);
+        }
+    }
+
+    /// The frame before does not stand while the next one is computed, unless frames wait for each other.
+    #[test]
+    fn a_frame_that_is_computed_for_long_leaves_the_one_before_stale() {
+        for (input, is_stale) in [(Input::Device, true), (Input::Stream, false), (Input::Recording, false)] {
+            let shared = LiveHandle::new(&pipeline(), None);
+            let mailbox = shared.subscribe(64);
+            let watch = Arc::new(Watch::new(Arc::clone(&shared), input));
+            let watching = Arc::clone(&watch);
+            let thread = spawn("dermis-watch", move || watching.run());
+            watch.publish(crate::synthetic::pressed().1);
+            watch.set_busy(true);
+            std::thread::sleep(STALE + 5 * POLL);
+            shared.close_mailboxes();
+            thread.join().unwrap();
+            let (mut stale, mut told) = (false, false);
+            while let Popped::Item(event) = mailbox.take(Duration::ZERO) {
+                stale |= matches!(event, Event::Stale(_));
+                told |= matches!(event, Event::Notice(notice) if notice.text.starts_with("the computer is too slow"));
+            }
+            assert_eq!((stale, told), (is_stale, is_stale), "{input:?}");
         }
     }
 

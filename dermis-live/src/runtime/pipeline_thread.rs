@@ -2,12 +2,9 @@
 
 use crate::clock;
 use crate::device::IncomingFrame;
-use crate::recording::Playback;
-use crate::runtime::frame::StaleWatch;
-use crate::runtime::notice_limit::NoticeLimit;
+use crate::runtime::watch::Watch;
 use crate::runtime::{Event, Input, LiveFrame, LiveHandle, POLL, Popped, WorkItem};
 use dermis::pipeline::{Command, DriftFit, Notice, Pipeline, PipelineError, RebuiltMethod, Severity, State};
-use dermis::text::counted;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -19,10 +16,6 @@ const REPORT_DROPPED: Duration = Duration::from_secs(1);
 const LATE_S: f64 = 0.05;
 /// A frame that has waited for longer than this is skipped if a newer one waits, s.
 const SKIPPED_S: f64 = 0.025;
-/// Interruptions of the frames that are reported in an interval; of the others only their number. On a busy machine frames can
-/// stop several times a second.
-const GAPS: u32 = 2;
-const GAP_INTERVAL: Duration = Duration::from_secs(10);
 /// Interval at which the state is saved for [`LiveHandle::state`].
 const SAVE: Duration = Duration::from_secs(5);
 
@@ -41,16 +34,13 @@ pub(super) struct PipelineThread {
     /// repeated.
     tried_without: Option<(Vec<usize>, bool)>,
     saved_at: Instant,
-    stale: StaleWatch,
-    gaps: NoticeLimit,
-    /// Whether the end of an interruption is reported, as its start was.
-    tells_end: bool,
+    watch: Arc<Watch>,
     /// The dropped events that were reported, and when.
     reported_dropped: (BTreeMap<&'static str, u64>, Instant),
 }
 
 impl PipelineThread {
-    pub(super) fn new(shared: Arc<LiveHandle>, pipeline: Pipeline, input: Input) -> Self {
+    pub(super) fn new(shared: Arc<LiveHandle>, pipeline: Pipeline, input: Input, watch: Arc<Watch>) -> Self {
         PipelineThread {
             shared,
             pipeline,
@@ -60,9 +50,7 @@ impl PipelineThread {
             fitting: None,
             tried_without: None,
             saved_at: Instant::now(),
-            stale: StaleWatch::new(),
-            gaps: NoticeLimit::new(GAPS, GAP_INTERVAL),
-            tells_end: false,
+            watch,
             reported_dropped: (BTreeMap::new(), Instant::now()),
         }
     }
@@ -72,9 +60,11 @@ impl PipelineThread {
         loop {
             self.run_commands();
             self.report_dropped();
-            self.report_stale();
             self.shared.report_omitted(false);
-            match self.shared.take_work(POLL) {
+            self.watch.set_busy(false);
+            let next = self.shared.take_work(POLL);
+            self.watch.set_busy(matches!(next, Popped::Item(_)));
+            match next {
                 Popped::Item(WorkItem::Frame(incoming)) => {
                     // What was requested while the thread waited comes before this frame.
                     self.run_commands();
@@ -87,7 +77,7 @@ impl PipelineThread {
                 Popped::Closed => break,
             }
         }
-        self.report_gaps(true);
+        self.watch.end();
         self.report_missing_tare();
         self.shared.report_omitted(true);
         self.shared.set_state(&self.pipeline);
@@ -117,11 +107,7 @@ impl PipelineThread {
                 if self.is_live && age_s > LATE_S && frame.result.validity.is_usable() {
                     frame = LiveFrame { message: std::mem::take(&mut frame.message), ..frame.stale(age_s) };
                 }
-                let frame = Arc::new(frame);
-                if self.stale.take(&frame) && self.tells_end {
-                    self.shared.notice(Severity::Info, "frames arrive again".into());
-                }
-                self.shared.publish(&Event::Frame(frame));
+                self.watch.publish(frame);
             }
             Err(error) => self.shared.notice(Severity::Error, error.to_string()),
         }
@@ -142,39 +128,9 @@ impl PipelineThread {
             Ok(pipeline) => {
                 (self.pipeline, self.rebuilds, self.rebuilding, self.fitting) = (pipeline, false, None, None);
                 self.shared.set_state(&self.pipeline);
-                self.stale.rest();
+                self.watch.rest();
             }
             Err(error) => self.shared.notice(Severity::Error, error.to_string()),
-        }
-    }
-
-    /// Reports that frames have stopped, unless people have stopped them.
-    fn report_stale(&mut self) {
-        if self.shared.playback().is_some_and(Playback::is_paused) {
-            self.stale.rest();
-            return;
-        }
-        if let Some((frame, is_first)) = self.stale.check() {
-            if is_first {
-                self.tells_end = self.gaps.passes(Instant::now());
-                if self.tells_end {
-                    let text = "no frames arrive: contacts and touch are unknown until they do";
-                    self.shared.notice(Severity::Error, text.into());
-                }
-            }
-            self.shared.publish(&Event::Stale(Arc::new(frame)));
-        }
-        self.report_gaps(false);
-    }
-
-    /// Reports the interruptions that were only counted.
-    fn report_gaps(&mut self, is_end: bool) {
-        if let Some(count) = self.gaps.take_omitted(Instant::now(), is_end) {
-            let text = format!(
-                "the frames stopped {}: is the computer, or the device, too slow?",
-                counted(count, "more time")
-            );
-            self.shared.notice(Severity::Warning, text);
         }
     }
 

@@ -201,18 +201,26 @@ impl LineServer {
     /// # Errors
     /// An address that is in use, or that other machines can reach, because there is no authentication.
     pub fn start(address: &str) -> Result<Self, LiveError> {
+        Self::with_greeting("--jsonl tcp:", address, Vec::new())
+    }
+
+    /// The same with a first line for everyone who connects; `option` comes before the address in errors.
+    pub(crate) fn with_greeting(option: &str, address: &str, greeting: Vec<u8>) -> Result<Self, LiveError> {
         let failed = |error: std::io::Error| {
             let fix = match error.kind() {
-                std::io::ErrorKind::AddrInUse => "another program listens there: take another port, or 0 for any",
-                std::io::ErrorKind::AddrNotAvailable => "that is no address of this machine",
-                _ => "write --jsonl tcp:HOST:PORT, as in tcp:127.0.0.1:7430",
+                std::io::ErrorKind::AddrInUse => {
+                    "another program listens there: take another port, or 0 for any".into()
+                }
+                std::io::ErrorKind::AddrNotAvailable => "that is no address of this machine".into(),
+                _ => format!("write {option}HOST:PORT, as in {option}127.0.0.1:7430"),
             };
             LiveError::Given(format!("cannot send lines of JSON at {address}: {error}; {fix}"))
         };
         let addresses: Vec<SocketAddr> = address.to_socket_addrs().map_err(failed)?.collect();
         if addresses.iter().any(|address| !address.ip().is_loopback()) {
-            let fix =
-                "write tcp:127.0.0.1:PORT, and let other machines come through a tunnel: ssh -L PORT:127.0.0.1:PORT";
+            let fix = format!(
+                "write {option}127.0.0.1:PORT, and let other machines come through a tunnel: ssh -L PORT:127.0.0.1:PORT"
+            );
             let message =
                 format!("{address} can be reached from other machines, and lines of JSON ask for no token: {fix}");
             return Err(LiveError::Given(message));
@@ -222,7 +230,7 @@ impl LineServer {
         listener.set_nonblocking(true).map_err(failed)?;
         let (readers, is_stopped) = (Readers::default(), Arc::new(AtomicBool::new(false)));
         let (known, stopped) = (readers.clone(), Arc::clone(&is_stopped));
-        let thread = runtime::spawn("dermis-lines", move || accept(&listener, &known, &stopped));
+        let thread = runtime::spawn("dermis-lines", move || accept(&listener, &greeting.into(), &known, &stopped));
         Ok(LineServer { address: bound, readers, is_stopped, thread: Some(thread) })
     }
 
@@ -261,7 +269,7 @@ impl Drop for LineServer {
 }
 
 /// Accepts readers until the server stops.
-fn accept(listener: &TcpListener, readers: &Readers, is_stopped: &AtomicBool) {
+fn accept(listener: &TcpListener, greeting: &Arc<[u8]>, readers: &Readers, is_stopped: &AtomicBool) {
     while !is_stopped.load(Ordering::Relaxed) {
         let Ok((stream, _)) = listener.accept() else {
             std::thread::sleep(Duration::from_millis(20));
@@ -275,6 +283,7 @@ fn accept(listener: &TcpListener, readers: &Readers, is_stopped: &AtomicBool) {
             continue;
         }
         let (mailbox, known) = (Arc::new(Mailbox::new(WAITING)), readers.clone());
+        mailbox.put(Arc::clone(greeting));
         readers.lock().push(Arc::clone(&mailbox));
         runtime::spawn("dermis-reader", move || {
             let mut stream = stream;

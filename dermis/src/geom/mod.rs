@@ -10,8 +10,7 @@ pub mod vector;
 
 pub use chart::{Chart, Elementary, Shape, System};
 pub(crate) use edge::Edge;
-pub use place_limits::PlaceLimits;
-pub(crate) use place_limits::beyond_a_turn;
+pub use place_limits::{PlaceLimits, beyond_a_turn};
 pub use surface::Surface;
 pub use triangle_tree::{Nearest, TriangleTree};
 pub use vector::{Point2, Point3};

@@ -110,7 +110,7 @@ impl PlaceLimits {
 }
 
 /// What is wrong with an angle of more than one turn, which is probably in degrees, or one that is not finite.
-pub(crate) fn beyond_a_turn(key: &str, angle_rad: f64) -> Option<String> {
+pub fn beyond_a_turn(key: &str, angle_rad: f64) -> Option<String> {
     // Rounding may raise a full turn above its exact value.
     let is_within = angle_rad.abs() <= TAU * (1.0 + 1e-6);
     (!is_within).then(|| {

@@ -119,7 +119,7 @@ impl Method {
         Method { alpha: Some(alpha), ..self }
     }
 
-    /// The same method with the card of a network, JSON, which is stored in recordings.
+    /// The same method with the card of a network, or what identifies a calibration, JSON, which is stored in recordings.
     #[must_use]
     pub fn with_card(self, card: String) -> Self {
         Method { card: Some(card), ..self }

@@ -1,27 +1,30 @@
 //! The tracked contact: the schema of contacts in JSON.
 
 use crate::contact::FieldKind::{Flag, Number};
-use crate::contact::{ConductanceChange, Contact, Field};
+use crate::contact::{ConductanceChange, Contact, Field, vector_or_null};
 use crate::detect::centres;
 use crate::image::Image;
 use crate::pipeline::settings::Settings;
 use crate::pipeline::timestamp::Timestamp;
 use crate::track::Tracked;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// A contact tracked from frame to frame. This is the schema of contacts in JSON.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TrackedContact {
     /// The contact with its permanent id.
     #[serde(flatten)]
     pub contact: Contact,
     /// Centre of the area where the image exceeds half of the contact's peak, m.
+    #[serde(deserialize_with = "vector_or_null")]
     pub centroid_m: [f64; 3],
     /// Mean position weighted by the image, m.
+    #[serde(deserialize_with = "vector_or_null")]
     pub centre_of_pressure_m: [f64; 3],
     /// Velocity along the surface, m/s.
+    #[serde(deserialize_with = "vector_or_null")]
     pub velocity_m_s: [f64; 3],
     /// Whether it is separate in the image of this frame. If not (merged with another contact, or missing for a few
     /// frames), the position is the predicted one, and strength and force are the last measured.
