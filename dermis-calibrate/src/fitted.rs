@@ -59,8 +59,16 @@ impl Alternatives {
 
     /// Why a calibration is of no use, if so.
     pub fn reason(&self, fitted: &Fitted) -> Option<String> {
+        self.reason_of(fitted.with_misses_m(), fitted.evidence())
+    }
+
+    /// The same of a forward map of some quality.
+    pub fn reason_of_map(&self, map: &Quality) -> Option<String> {
+        self.reason_of(map.mean_error_m, map.evidence)
+    }
+
+    fn reason_of(&self, mean_error_m: f64, evidence: Option<f64>) -> Option<String> {
         let mm = |length_m: f64| format!("{:.1} mm", 1e3 * length_m);
-        let mean_error_m = fitted.with_misses_m();
         let located = format!("the calibration locates presses that it has not seen to {}", mm(mean_error_m));
         if mean_error_m > self.guess_m {
             return Some(format!("{located}; always guessing the same place gives {}", mm(self.guess_m)));
@@ -68,7 +76,7 @@ impl Alternatives {
         if let Some((name, before_m)) = self.uncalibrated.as_ref().filter(|(_, before_m)| *before_m < mean_error_m) {
             return Some(format!("{located}; {name} without a calibration to {}", mm(*before_m)));
         }
-        let evidence = fitted.evidence().filter(|&evidence| evidence < MIN_EVIDENCE)?;
+        let evidence = evidence.filter(|&evidence| evidence < MIN_EVIDENCE)?;
         Some(format!(
             "the labels fit their frames hardly better than in a random order: by {evidence:.1} standard deviations, where \
              {MIN_EVIDENCE:.1} are needed"
@@ -154,7 +162,8 @@ impl Fitted {
         })
     }
 
-    /// The best correction of the skin's own methods, where it locates the labels better than a forward map of this quality.
+    /// The best correction of the skin's own methods, where it locates the labels, in the skin's own coordinates, better than a
+    /// forward map of this quality; and what either has to be better than.
     ///
     /// # Errors
     /// As [`Correction::fit`].
@@ -164,8 +173,10 @@ impl Fitted {
         differences: &Differences,
         labels: &[Label],
         map: &Quality,
-    ) -> Result<Option<Correction>, CalibrateError> {
-        Ok(Tried::new(methods, skin, differences, labels)?.better(map).cloned())
+    ) -> Result<(Option<Correction>, Alternatives), CalibrateError> {
+        let tried = Tried::new(methods, skin, differences, labels)?;
+        let better = tried.better(map).cloned();
+        Ok((better, Alternatives::of(skin, labels, LabelFrame::Skin, tried.uncalibrated)))
     }
 
     /// The mean error of labels that it had not seen, m.

@@ -7,7 +7,7 @@ use dermis::geom::Point3;
 use dermis::geom::vector::distance;
 use dermis::method::{Method, MethodOptions, Methods};
 use dermis::skin::Skin;
-use dermis_calibrate::{CalibrateError, Calibrations, Correction, Label};
+use dermis_calibrate::{CalibrateError, Calibrations, Correction, Fitted, Label};
 
 /// A touch of a size at each of some pixels, by the Jacobian.
 fn frames(skin: &Skin, touches: &[(usize, f64)]) -> Vec<Frame> {
@@ -99,4 +99,55 @@ fn a_correction_needs_presses_that_the_method_finds() {
     let case = case();
     let few = fit(&case, 10).unwrap_err();
     assert!(matches!(few, CalibrateError::TooFewFound { found: 10, labels: 10, .. }), "{few}");
+}
+
+/// Several frames of a press promise no more than one.
+#[test]
+fn frames_of_one_press_are_one_press() {
+    let case = case();
+    let repeated = |presses: usize, each: usize| {
+        let rows: Vec<usize> = (0..presses).flat_map(|press| vec![press; each]).collect();
+        let frames: Vec<Frame> = rows.iter().map(|&row| case.frames[row].clone()).collect();
+        let label = |(row, &of): (usize, &usize)| Label { row, ..case.labels[of] };
+        let labels: Vec<Label> = rows.iter().enumerate().map(label).collect();
+        Correction::fit(case.skin.pixels(), &case.method, &case.detector, &frames, &labels)
+    };
+    let few = repeated(15, 8).unwrap_err();
+    assert!(matches!(few, CalibrateError::TooFewFound { found: 15, labels: 120, .. }), "{few}");
+    let (one, four) = (repeated(40, 1).unwrap(), repeated(40, 4).unwrap());
+    let error_m = |correction: &Correction| correction.quality().mean_error_m;
+    assert!(error_m(&four) > 0.5 * error_m(&one), "{:?} {:?}", four.quality(), one.quality());
+}
+
+/// Equal forces, and those of other presses, are no forces.
+#[test]
+fn forces_that_say_nothing_are_not_used() {
+    let mut case = case();
+    let known = case.labels.clone();
+    for (force_n, expected) in [
+        ((|_| 2.0) as fn(usize) -> f64, "their standard deviation is below 5 %"),
+        (|index| 1.0 + ((index * index * 37 + 11 * index) % 101) as f64, "does not grow with the force"),
+    ] {
+        case.labels =
+            known.iter().enumerate().map(|(index, label)| Label { force_n: force_n(index), ..*label }).collect();
+        let correction = fit(&case, 100).unwrap();
+        let fitted = Fitted::Correction(Box::new(correction));
+        assert_eq!(
+            fitted.unused_forces(&case.labels[..100]).map(|reason| reason.to_string().contains(expected)),
+            Some(true)
+        );
+    }
+}
+
+/// A correction is of one model: another image or contact impedance is another method.
+#[test]
+fn a_correction_of_another_model_is_refused() {
+    let case = case();
+    let folder = tempfile::tempdir().unwrap();
+    let mut design = case.skin.design().clone();
+    fit(&case, 100).unwrap().save(folder.path(), &design).unwrap();
+    assert!(Correction::load(folder.path(), &design).is_ok());
+    design.electrodes[0].contact_impedance *= 2.0;
+    let error = Correction::load(folder.path(), &design).unwrap_err().to_string();
+    assert!(error.contains("contact impedances") && error.contains("calibrate again"), "{error}");
 }

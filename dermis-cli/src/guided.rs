@@ -1,6 +1,6 @@
 //! A guided calibration session: where to press next, the presses taken, and the calibration as it gets better.
 
-use crate::console::{Progress, StatusLine, on_interrupt, print, print_json};
+use crate::console::{Progress, StatusLine, on_interrupt, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::fitted;
 use crate::range::count;
@@ -382,10 +382,17 @@ impl Guided {
         let Some(map) = map else { return Ok(None) };
         let (frames, labels) = self.session.presses();
         let differences = Differences { frames: frames.to_vec(), ..Differences::default() };
-        let correction =
+        let (correction, alternatives) =
             Fitted::better_correction(&dermis_learn::methods(), self.session.skin(), &differences, &labels, map)?;
-        if let Some(correction) = &correction {
-            correction.save(folder, self.session.skin().design())?;
+        let reason = match &correction {
+            Some(correction) => {
+                correction.save(folder, self.session.skin().design())?;
+                alternatives.reason(&Fitted::Correction(Box::new(correction.clone())))
+            }
+            None => alternatives.reason_of_map(map),
+        };
+        if let Some(reason) = reason {
+            warn(&format!("{reason}: take more presses; the same command continues the session"));
         }
         Ok(correction)
     }

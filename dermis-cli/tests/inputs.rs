@@ -132,3 +132,12 @@ fn channels_are_weighted_by_their_noise() {
     let greit = at.refused(&format!("{} --channel-noise sd.csv -o x.csv", run.replace("laplace", "greit")));
     assert!(greit.contains("greit") && greit.contains("noise"), "{greit}");
 }
+
+/// A program that does not read messages any more does not change what a command does.
+#[test]
+fn messages_that_nobody_reads_end_nothing() {
+    let at = Workplace::empty();
+    let mut child = at.command("robot check nowhere.toml").stderr(std::process::Stdio::piped()).spawn().unwrap();
+    drop(child.stderr.take());
+    assert_eq!(child.wait().unwrap().code(), Some(2));
+}

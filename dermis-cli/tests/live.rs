@@ -360,7 +360,7 @@ fn what_was_recorded_with_a_network_of_ones_own_is_replayed_with_it_and_no_other
     let run = "live skin16 --serve off --touch press --threshold 0.3 --for 3.4 --record own.mcap --method ./own";
     let output = at.run(run);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    refused(&at, "replay own.mcap", &["own.mcap", "the network `./own`", "--method FOLDER"]);
+    refused(&at, "replay own.mcap", &["own.mcap", "recorded with `./own`", "--method FOLDER"]);
     refused(&at, "replay own.mcap --method ./other", &["own.mcap", "other is another one", "card"]);
     std::fs::rename(at.path("own"), at.path("moved")).unwrap();
     let contacts = at.good("replay own.mcap --method ./moved --contacts");

@@ -271,11 +271,17 @@ fn a_recorded_robot_says_the_same_when_it_is_replayed() {
     assert!(at.refused("robot replay .").contains("robot.toml"));
     let inputs = std::fs::read(at.path("elsewhere/inputs.jsonl")).unwrap();
     at.write("elsewhere/inputs.jsonl", &inputs[..inputs.len() / 2]);
-    let counts: Value = at.json("robot replay elsewhere --summary --json");
+    let cut = at.command("robot replay elsewhere --summary --json").output().unwrap();
+    assert!(String::from_utf8_lossy(&cut.stderr).contains("has no end: it was cut off"));
+    let counts: Value = serde_json::from_slice(&cut.stdout).unwrap();
     assert!(counts["snapshots"].as_u64().unwrap() > 50 && counts["missing_frames"] == 0, "{counts}");
     at.write("elsewhere/inputs.jsonl", [&inputs[..inputs.len() / 2], b"\n"].concat());
     assert!(at.refused("robot replay elsewhere").contains("inputs.jsonl, line "));
     at.write("elsewhere/inputs.jsonl", &inputs);
+    let design = std::fs::read_to_string(at.path("elsewhere/skins/forearm.toml")).unwrap();
+    at.write("elsewhere/skins/forearm.toml", design.replacen("length_m = 0.3", "length_m = 0.31", 1));
+    assert!(at.refused("robot replay elsewhere --summary").contains("than its design has now"));
+    at.write("elsewhere/skins/forearm.toml", design);
     let frames = std::fs::read(at.path("elsewhere/skins/forearm.mcap")).unwrap();
     at.write("elsewhere/skins/forearm.mcap", &frames[..frames.len() / 2]);
     let lacking = at.refused("robot replay elsewhere --summary");

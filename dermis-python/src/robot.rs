@@ -195,20 +195,22 @@ impl Robot {
     }
 
     #[doc = stub_doc!(Robot.live)]
-    #[pyo3(signature = (*, emulate=false, rate_hz=50.0, record=None, twin="lab", touch="none"))]
+    #[pyo3(signature = (*, emulate=false, rate_hz=50.0, record=None, share=None, twin="lab", touch="none"))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
     fn live(
         &self,
         py: Python<'_>,
         emulate: bool,
         rate_hz: f64,
         record: Option<PathBuf>,
+        share: Option<String>,
         twin: &str,
         touch: &str,
     ) -> Outcome<RobotLive> {
         if !(0.1..=1000.0).contains(&rate_hz) {
             return Err(Failure::given(format!("`rate_hz` is {rate_hz}: give 0.1 to 1000 snapshots a second")));
         }
-        let how = RobotOptions { rate_hz, record, ..RobotOptions::default() };
+        let how = RobotOptions { rate_hz, record, share, ..RobotOptions::default() };
         let is_noise_free = TwinOptions::load(twin)?.electronics.snr_db.is_none();
         let live = worker::run(py, "preparing the skins", 1, |_| {
             let mut devices = RobotDevices::new(emulate);

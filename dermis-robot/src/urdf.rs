@@ -200,15 +200,18 @@ impl File<'_> {
                 ));
             }
         }
-        let elements = joint.children().filter(Node::is_element);
-        for (element, name) in elements.map(|element| (element, element.tag_name().name())) {
-            let near = closest_name(&name.to_lowercase(), PARTS.iter().map(|(tag, _)| *tag));
-            if let Some(near) = near.filter(|near| *near != name) {
-                return Err(self.error(
-                    element,
-                    format!("a joint has no <{name}>"),
-                    Some(&format!("did you mean <{near}>?")),
-                ));
+        // Other programs write elements of their own: only a misspelt one is refused.
+        const OTHERS: [&str; 6] = ["parent", "child", "limit", "dynamics", "calibration", "safety_controller"];
+        let names = || PARTS.iter().map(|(tag, _)| *tag);
+        for element in joint.children().filter(Node::is_element) {
+            let name = element.tag_name().name();
+            if OTHERS.contains(&name) || names().any(|tag| tag == name) {
+                continue;
+            }
+            let near = closest_name(&name.to_lowercase(), names()).filter(|near| near.len().abs_diff(name.len()) <= 1);
+            if let Some(near) = near {
+                let fix = format!("did you mean <{near}>?");
+                return Err(self.error(element, format!("a joint has no <{name}>"), Some(&fix)));
             }
         }
         Ok(())

@@ -6,7 +6,7 @@ use dermis_robot::{Cause, EventKind, Robot, RobotState, RuleEvent, UnknownReason
 use std::sync::Arc;
 
 const URDF: &str = r#"<robot name="arm"><link name="base"/><link name="upper"/><link name="lower"/>
-<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/><limit velocity="2"/></joint>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="2"/></joint>
 <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/><origin xyz="0.3 0 0"/><axis xyz="0 0 1"/></joint>
 </robot>"#;
 
@@ -169,7 +169,8 @@ fn random_faults_never_leave_the_robot_untouched() {
             _ => {
                 let measured = now.saturating_sub(delay / 2);
                 state.frame(skin, &frame(measured, &[]), at(now));
-                sound[skin] = Some(measured);
+                // An older frame says nothing.
+                sound[skin] = sound[skin].max(Some(measured));
                 assert!(state.touched(at(now)) != Some(true));
                 check_untouched(&state, now, &sound, &mut untouched);
                 continue;
@@ -279,6 +280,43 @@ fn rules_begin_at_once_and_end_after_their_time() {
     );
 }
 
+/// The rules of a snapshot are those of its time, whether or not time was told to pass.
+#[test]
+fn a_snapshot_knows_the_rules_that_hold_now() {
+    let mut state = state();
+    let absent = Cause::Unknown { skin: "upper".into(), reason: Some(UnknownReason::Absent) };
+    assert_eq!(state.snapshot(at(0)).rules["stop"], absent);
+    state = clear();
+    assert!(state.snapshot(at(215)).rules.is_empty());
+    let late = Cause::Unknown { skin: "upper".into(), reason: Some(UnknownReason::Late) };
+    assert_eq!(state.snapshot(at(5000)).rules["stop"], late);
+}
+
+#[test]
+fn an_older_frame_says_nothing() {
+    let mut state = clear();
+    state.frame(0, &frame(230, &[press(1.0)]), at(231));
+    state.frame(0, &frame(220, &[]), at(232));
+    assert_eq!(state.zone(0, at(233)), Zone::Touched);
+    // A clock that was set back goes on.
+    let mut state = clear();
+    state.frame(0, &frame(5000, &[press(1.0)]), at(5001));
+    state.frame(0, &frame(300, &[]), at(301));
+    assert_eq!(state.zone(0, at(302)), Zone::Clear);
+}
+
+/// Joint states of a clock that is ahead give no place in the frame of the base.
+#[test]
+fn joint_states_from_the_future_give_no_place() {
+    for (ahead_ms, is_known) in [(0, true), (40, true), (300, false)] {
+        let mut state = clear();
+        state.joints(at(230 + ahead_ms), &[("shoulder", 0.0), ("elbow", 0.0)]).unwrap();
+        state.frame(0, &frame(230, &[press(1.0)]), at(231));
+        let contacts = state.snapshot(at(231)).contacts;
+        assert_eq!(contacts[0].position_base_m.is_some(), is_known, "{ahead_ms} ms ahead");
+    }
+}
+
 #[test]
 fn another_device_says_nothing_of_this_skin() {
     let mut state = clear();
@@ -302,6 +340,8 @@ fn joint_states_that_cannot_be_are_refused() {
     assert_eq!(given(0, &[("shoulder", 0.0), ("elbow", 3.1)]), Ok(()), "the same again");
     assert!(given(5, &[("shoulder", 1e300), ("elbow", 0.0)]).unwrap_err().contains("`shoulder` is 1e300"));
     assert!(given(5, &[("shoulder", 0.0), ("elbow", 0.0), ("elbow", 1.0)]).unwrap_err().contains("`elbow` twice"));
+    let error = given(5, &[("shoulder", 30.0), ("elbow", 3.1)]).unwrap_err();
+    assert!(error.contains("the position 30 of the joint `shoulder` is beyond its limits, -2 to 2"), "{error}");
     // A joint without limits passes its seam.
     assert_eq!(given(10, &[("shoulder", 0.0), ("elbow", -3.1)]), Ok(()));
     assert!(given(9, &[("shoulder", 0.0), ("elbow", -3.1)]).unwrap_err().contains("0.001 s older than"));
@@ -322,7 +362,11 @@ fn wrong_files_are_named_with_the_line_and_the_fix() {
         ("name = \"extra\"", "name = \"a/b\"", "is no name of a skin"),
         ("rpy_rad = [0, 1.5707963267948966, 0]", "quaternion = [0, 0, 0, 2]", "the quaternion has the length 2.000"),
         ("rpy_rad = [0, 1.57", "quaternion = [0, 0, 0, 1], rpy_rad = [0, 1.57", "two rotations"),
-        ("xyz_m = [0.1, 0, 0]", "xyz_m = [100, 0, 0]", "xyz_m in metres"),
+        ("xyz_m = [0.1, 0, 0]", "xyz_m = [100, 0, 0]", "xyz_m is in metres"),
+        ("xyz_m = [0.1, 0, 0]", "xyz_m = [0.1, 0, 0, 7]", "the list has 4 values, not 3"),
+        ("rpy_rad = [0, 1.5707963267948966, 0]", "rpy_rad = [0, 90, 0]", "angles are in radians"),
+        ("rpy_rad = [0, 1.5707963267948966, 0]", "quaternion = [0, 0, 0, 1, 0]", "the list has 5 values, not 4"),
+        ("tcp:127.0.0.1:1", "robot:7440", "`7440` is no address"),
         ("xyz_m =", "xyz =", "unknown field `xyz`"),
         ("on = [\"*er\"]", "on = [\"arm_*\"]", "no skin is called `arm_*`"),
         ("name = \"push\"", "name = \"stop\"", "two rules are called `stop`"),

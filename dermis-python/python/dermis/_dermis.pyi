@@ -507,6 +507,7 @@ class Robot:
         emulate: bool = False,
         rate_hz: float = 50.0,
         record: str | PathLike[str] | None = None,
+        share: str | None = None,
         twin: str = "lab",
         touch: str = "none",
     ) -> RobotLive:
@@ -516,6 +517,7 @@ class Robot:
             emulate: Simulate all devices, and joints that move slowly unless the file names a source of joint states.
             rate_hz: Snapshots per second, 0.1 to 1000.
             record: A new folder for a recording, for `dermis robot replay`.
+            share: The address, `HOST:PORT` of this machine, at which the skins are shared with the program of the whole robot.
             twin: Twin of simulated devices: `ideal`, `lab`, `lab-b`, `lab-c`, `harsh`, or the path of a file.
             touch: Touch script of simulated devices: none, random, press, slide, cross, four, grid, or a file.
 
