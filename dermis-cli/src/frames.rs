@@ -14,7 +14,8 @@ use dermis::plausibility::Plausibility;
 use dermis::protocol::Protocol;
 use dermis::reconstruct::ReconstructError;
 use dermis::skin::Skin;
-use dermis::text::counted;
+use dermis::stats::upper_median;
+use dermis::text::{counted, ranges};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -147,6 +148,9 @@ impl FrameArguments {
         let Some(baseline) = mean(untouched) else {
             return self.report(&self.frames, in_file(check.of_differences(frames), used), true);
         };
+        if !self.paired {
+            warn_if_unlike(&check, untouched);
+        }
         self.report(self.baseline.as_deref().unwrap_or(&self.frames), check.of_baseline(&baseline), needs_model)?;
         self.report(&self.frames, in_file(check.of_frames(frames, &baseline), used), true)
     }
@@ -259,4 +263,18 @@ pub fn of_each<T: Send>(
         found
     };
     Ok(differences.par_iter().map(step).collect::<Result<Vec<T>, _>>()?)
+}
+
+/// Warns of untouched frames that are not like the others: their mean is that of neither.
+pub fn warn_if_unlike(check: &Plausibility<'_>, untouched: &[Frame]) {
+    let channels = untouched.first().map_or(0, |frame| frame.len());
+    let usual = |channel: usize| {
+        let finite = untouched.iter().map(|frame| frame[channel]).filter(|value| value.is_finite());
+        upper_median(&finite.collect::<Vec<f64>>()).unwrap_or(f64::NAN)
+    };
+    let usual = Frame((0..channels).map(usual).collect());
+    if let Some(found) = check.of_frames(untouched, &usual).filter(|found| !found.rows.is_empty()) {
+        let text = "the untouched frames are not alike: those of the rows {} are unlike the others; leave them out";
+        warn(&text.replace("{}", &ranges(&found.rows)));
+    }
 }

@@ -141,3 +141,30 @@ fn messages_that_nobody_reads_end_nothing() {
     drop(child.stderr.take());
     assert_eq!(child.wait().unwrap().code(), Some(2));
 }
+
+/// Untouched frames of which some are of something else are named, wherever they are read.
+#[test]
+fn untouched_frames_that_are_not_alike_are_named() {
+    let at = Workplace::empty();
+    let row = at.good("forward skin16 -o -");
+    let row = row.lines().last().unwrap();
+    let zeros = vec!["0"; row.split(',').count()].join(",");
+    at.write("mixed.csv", vec![format!("{row}\n"); 12].concat() + &format!("{zeros}\n").repeat(8));
+    at.write("alike.csv", format!("{row}\n").repeat(20));
+    let commands = [
+        "check-build skin16 --frames",
+        "fit skin16 -o out.toml --frames",
+        "contacts skin16 --frames alike.csv -o - --baseline",
+    ];
+    for command in commands {
+        for (file, is_said) in [("mixed.csv", true), ("alike.csv", false)] {
+            let said = at.run(&format!("{command} {file}"));
+            let said = String::from_utf8_lossy(&said.stderr).into_owned();
+            assert_eq!(
+                said.contains("those of the rows 12-19 are unlike the others"),
+                is_said,
+                "{command} {file}: {said}"
+            );
+        }
+    }
+}

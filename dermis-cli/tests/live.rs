@@ -366,7 +366,7 @@ fn what_was_recorded_with_a_network_of_ones_own_is_replayed_with_it_and_no_other
     let contacts = at.good("replay own.mcap --method ./moved --contacts");
     assert!(contacts.lines().any(|line| line.contains("position_m")));
     let played = "live skin16 --serve off --speed 4 --jsonl - --source replay:own.mcap";
-    refused(&at, played, &["the network `./own`", "--method FOLDER"]);
+    refused(&at, played, &["recorded with `./own`", "--method FOLDER"]);
     let output = at.run(&format!("{played} --method ./moved"));
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let lines = String::from_utf8(output.stdout).unwrap();
@@ -399,4 +399,25 @@ fn ros2_without_its_feature_names_the_command_that_installs_it() {
     let words = ["--ros2", "cargo install --locked --path dermis-cli --features ros2"];
     refused(&at, &format!("{DISK} --for 1 --record a.mcap --ros2"), &words);
     assert!(!at.path("a.mcap").exists(), "a recording that never began");
+}
+
+#[test]
+fn what_was_recorded_with_a_calibration_is_replayed_with_that_one() {
+    let at = Workplace::empty();
+    at.run("experiment skin16 --twin lab --seed 1 --sets random --presses 80 -o set");
+    let set = "--frames set/random/frames.npy --baseline set/random/baseline.npy --truth set/random/truth.csv";
+    for (labels, name) in [("0..40", "own"), ("40..80", "other")] {
+        at.run(&format!("calibrate skin16 {set} --labels {labels} --method refined -o {name} --force"));
+    }
+    for (method, name) in [("./own", "own.mcap"), ("noser", "noser.mcap")] {
+        at.run(&format!("live skin16 --method {method} --touch press --serve off --for 3 --record {name}"));
+    }
+    let replayed = at.run("replay own.mcap --method ./own --summary");
+    assert!(replayed.status.success(), "{}", String::from_utf8_lossy(&replayed.stderr));
+    refused(&at, "replay own.mcap", &["recorded with `./own`", "--method FOLDER"]);
+    let unused = at.run("replay noser.mcap --method ./own --summary");
+    assert!(String::from_utf8_lossy(&unused.stderr).contains("./own is not used for it"));
+    std::fs::rename(at.path("own"), at.path("before")).unwrap();
+    std::fs::rename(at.path("other"), at.path("own")).unwrap();
+    refused(&at, "replay own.mcap --method ./own", &["./own is another one"]);
 }

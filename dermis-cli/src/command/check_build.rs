@@ -5,7 +5,7 @@ use crate::build_watch::FRAMES;
 use crate::console::{Progress, known, notice_line, print, print_json, say, warn};
 use crate::failure::{Failure, Outcome};
 use crate::format::FormatArguments;
-use crate::frames::CURRENTS_HELP;
+use crate::frames::{CURRENTS_HELP, warn_if_unlike};
 use crate::picture::check_page_ending;
 use crate::range::count;
 use crate::skin;
@@ -15,6 +15,7 @@ use dermis::finding::{Severity, is_sound};
 use dermis::frame::{Frame, ReadOptions};
 use dermis::method::MethodSet;
 use dermis::pipeline::Settings;
+use dermis::plausibility::Plausibility;
 use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_calibrate::build::{BuildCheck, BuildChecker};
@@ -79,6 +80,7 @@ impl Arguments {
             }
             None => self.read_source(&skin)?,
         };
+        warn_if_unlike(&Plausibility::new(&skin.design().protocol, skin.untouched()?, &[]), &frames);
         let check = {
             let _waiting = Progress::waiting("checking the skin");
             BuildChecker::new(&skin)?.check(&frames)?
