@@ -4,7 +4,7 @@
 use crate::recording::Playback;
 use crate::runtime::notice_limit::NoticeLimit;
 use crate::runtime::{Event, Input, LiveFrame, LiveHandle, POLL, lock};
-use dermis::pipeline::Severity;
+use dermis::pipeline::{Severity, Validity};
 use dermis::text::counted;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -102,9 +102,10 @@ impl Watch {
     fn report(&self) {
         let mut frames = lock(&self.frames);
         let is_busy = self.is_busy.load(Ordering::Relaxed);
-        // What could not be relied on anyway needs no warning while a method is prepared.
-        let was_usable = frames.last.as_ref().is_some_and(|last| last.result.validity.is_usable());
-        if is_busy && !(self.is_live && was_usable) || self.shared.playback().is_some_and(Playback::is_paused) {
+        // What could not be relied on anyway, as before the tare, needs no warning while a method is prepared.
+        let was_invalid =
+            frames.last.as_ref().is_some_and(|last| matches!(last.result.validity, Validity::Invalid { .. }));
+        if is_busy && (!self.is_live || was_invalid) || self.shared.playback().is_some_and(Playback::is_paused) {
             frames.arrived = Instant::now();
             return;
         }
