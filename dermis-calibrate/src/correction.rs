@@ -130,7 +130,7 @@ impl Correction {
         let surface = &pixels.surface;
         let (found, evidence) = find(surface, method, detector, frames, labels)?;
         let groups: Vec<Group> = found.iter().map(Found::group).collect();
-        let presses = groups.iter().collect::<BTreeSet<_>>().len();
+        let presses = presses(&found.iter().collect::<Vec<_>>());
         if presses < MIN_FOUND {
             let errors_m = found.iter().map(|one| surface.distance_m(one.contact.position_m, one.label.position_m));
             let uncalibrated_m = with_misses(&errors_m.collect::<Vec<_>>(), labels.len());
@@ -254,7 +254,7 @@ impl ForceCorrection {
     /// or where their mean says as much.
     fn fit(found: &[Found], frames: &[Frame], length_m: f64) -> Result<Option<(Self, Vec<f64>)>, CalibrateError> {
         let known: Vec<&Found> = found.iter().filter(|one| one.label.force_n > 0.0).collect();
-        if known.len() < MIN_FOUND {
+        if presses(&known) < MIN_FOUND {
             return Ok(None);
         }
         let labels: Vec<Label> = known.iter().map(|one| one.label).collect();
@@ -274,6 +274,11 @@ impl ForceCorrection {
         let relative_sd = relative_deviation(&known.iter().zip(&left).map(usual).collect::<Vec<f64>>());
         Ok(Some((ForceCorrection { single, several, relative_sd, usual_sd_m, range }, left)))
     }
+}
+
+/// Number of different presses.
+fn presses(found: &[&Found]) -> usize {
+    found.iter().map(|one| one.group()).collect::<BTreeSet<_>>().len()
 }
 
 impl Found {

@@ -24,8 +24,8 @@ pub enum CalibrateError {
     },
     /// A correction of a method that does not find the labelled presses.
     #[error(
-        "{method} finds {found} different presses of {} within 20 mm: a correction needs {}",
-        counted(*labels, "labelled press"),
+        "{method} finds {found} different presses within 20 mm, of {}: a correction needs {}",
+        counted(*labels, "labelled frame"),
         crate::correction::MIN_FOUND
     )]
     TooFewFound {

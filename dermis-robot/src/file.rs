@@ -455,7 +455,9 @@ impl Reader<'_> {
             None => self.error(design.span(), error.message.clone(), error.fix.as_deref()),
         })?;
         if let Some(address) = source.get_ref().strip_prefix(PART)
-            && !address.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
+            && !address
+                .rsplit_once(':')
+                .is_some_and(|(host, port)| !host.is_empty() && port.parse().is_ok_and(|port: u16| port > 0))
         {
             let fix = "write source = \"robot:HOST:PORT\", where `dermis robot run --share HOST:PORT` reads the skin";
             return Err(self.error(source.span(), format!("`{address}` is no address"), Some(fix)));

@@ -112,7 +112,7 @@ impl RobotState {
     /// Takes positions of joints by name, rad or m, measured at a time.
     ///
     /// # Errors
-    /// A position that is not finite; joint states without a joint that a skin depends on; times that do not increase; a joint
+    /// A position that is not finite or beyond the limits of its joint; joint states without a joint that a skin depends on; times that do not increase; a joint
     /// that has moved much faster than it can. Such states are not used.
     pub fn joints(&mut self, at: Timestamp, positions: &[(&str, f64)]) -> Result<(), String> {
         self.joints.add(&self.robot, at, positions)
@@ -143,9 +143,18 @@ impl RobotState {
             return self.apply_rules(now, now);
         }
         state.frame = Some(Arc::new(frame));
-        // Another device stays another one until it is replaced.
-        state.fault = state.fault.filter(|fault| *fault == UnknownReason::OtherDevice);
+        // Another device stays another one until it is replaced; a frame of a time that is still to come is of another clock.
+        let is_ahead = measured_at.seconds_since(now) > self.robot.age_s();
+        state.fault = match state.fault {
+            Some(UnknownReason::OtherDevice) => Some(UnknownReason::OtherDevice),
+            _ => is_ahead.then_some(UnknownReason::Late),
+        };
         self.apply_rules(measured_at, now)
+    }
+
+    /// Whether the device of a skin is that of another one.
+    pub fn is_other_device(&self, skin: usize) -> bool {
+        self.skins[skin].fault == Some(UnknownReason::OtherDevice)
     }
 
     /// The last frame of a skin is stale.

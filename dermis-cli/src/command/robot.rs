@@ -183,7 +183,7 @@ impl ReplayArguments {
         if counts.missing_frames == 0 {
             if !replay.is_whole() {
                 warn(&format!(
-                    "{} has no end: it was cut off, and what came later is missing",
+                    "{} has no end: it was cut off, so that what came later is missing, or it is of an earlier version",
                     self.recording.display()
                 ));
             }

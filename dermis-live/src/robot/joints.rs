@@ -126,7 +126,12 @@ impl JointStates {
     /// As they come in.
     fn taken(self, stamp: Option<Timestamp>, arrived: Timestamp) -> Incoming {
         if self.name.len() == self.position.len() {
-            return Incoming::Joints { at: stamp.unwrap_or(arrived), states: self, is_stamped: stamp.is_some() };
+            return Incoming::Joints {
+                arrived,
+                at: stamp.unwrap_or(arrived),
+                states: self,
+                is_stamped: stamp.is_some(),
+            };
         }
         let (names, positions) = (self.name.len(), self.position.len());
         Incoming::Wrong(format!("joint states with {names} names and {positions} positions: give one for each"))

@@ -126,6 +126,7 @@ enum Incoming {
     /// A skin is no longer read.
     Ended(usize),
     Joints {
+        arrived: Timestamp,
         at: Timestamp,
         states: JointStates,
         /// Whether the time is that of the message, and not of its arrival.
@@ -361,6 +362,8 @@ impl RobotLive {
                 self.check_joints();
                 let at = clock::now();
                 self.record(at, || Input::Snapshot);
+                // A sign of life.
+                self.tell(at, || Input::Snapshot);
                 let events = self.state.tick(at);
                 self.queue(events);
                 self.waiting.push_back(RobotOutput::Snapshot(Box::new(self.state.snapshot(at))));
@@ -417,8 +420,11 @@ impl RobotLive {
             Incoming::Skin(skin, Event::Frame(frame)) => {
                 let (measured_at, rate_hz) = (frame.result.measured_at, frame.result.health.rate_hz);
                 self.record(now, || Input::Frame { skin: self.name(skin), measured_at, rate_hz });
-                self.tell(now, || Input::Known { skin: self.name(skin), frame: SkinFrame::from(&frame.result) });
                 let events = self.state.frame(skin, &frame.result, now);
+                self.tell(now, || match self.state.is_other_device(skin) {
+                    true => Input::Fault { skin: self.name(skin), reason: UnknownReason::OtherDevice },
+                    false => Input::Known { skin: self.name(skin), frame: SkinFrame::from(&frame.result) },
+                });
                 self.readers[skin].said.clear();
                 self.show(skin, frame);
                 events
@@ -445,7 +451,7 @@ impl RobotLive {
                     Input::Connected { serial, .. } => self.report_swap(skin, *serial),
                     Input::Known { frame, .. } => {
                         let what = format!("the frames of `{}`", self.name(skin));
-                        self.check_clock(1 + skin, &what, "it is unknown", frame.measured_at, now);
+                        self.check_clock(1 + skin, &what, "the skin is unknown", frame.measured_at, now);
                     }
                     _ => {}
                 }
@@ -456,16 +462,16 @@ impl RobotLive {
                 Vec::new()
             }
             Incoming::Ended(skin) => self.ended(skin, now),
-            Incoming::Joints { at, states, is_stamped } => {
+            Incoming::Joints { arrived, at, states, is_stamped } => {
                 let given: Vec<(&str, f64)> =
                     states.name.iter().map(String::as_str).zip(states.position.iter().copied()).collect();
                 if is_stamped {
                     let effect = "positions in the frame of the base are unknown";
-                    self.check_clock(0, "the joint states", effect, at, now);
+                    self.check_clock(0, "the joint states", effect, at, arrived);
                 }
                 // States cannot be measured after they have come: a clock that is a little ahead gives way to this one.
-                let is_far_ahead = at.seconds_since(now) > self.state.robot().age_s();
-                let taken = if is_far_ahead { Ok(()) } else { self.joints(at.min(now), &given) };
+                let is_far_ahead = at.seconds_since(arrived) > self.state.robot().age_s();
+                let taken = if is_far_ahead { Ok(()) } else { self.joints(at.min(arrived), &given) };
                 taken.unwrap_or_else(|error| self.joint_notice(error));
                 Vec::new()
             }

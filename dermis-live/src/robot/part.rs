@@ -54,13 +54,7 @@ impl<Take: Fn(Incoming)> Follower<Take> {
     pub(super) fn run(&self, stopped: &AtomicBool) {
         let mut said = String::new();
         while !stopped.load(Ordering::Relaxed) {
-            let was_said = !said.is_empty();
-            let ended = self.connect().and_then(|stream| {
-                if was_said {
-                    self.notice(Severity::Info, "it is connected again".into());
-                }
-                self.listen(stream, stopped)
-            });
+            let ended = self.connect().and_then(|stream| self.listen(stream, stopped, &mut said));
             let Err(why) = ended else { return };
             for skin in &self.skins {
                 (self.take)(Incoming::Part(
@@ -99,7 +93,7 @@ impl<Take: Fn(Incoming)> Follower<Take> {
     }
 
     /// Takes lines until there are no more, which is the error, or it is stopped.
-    fn listen(&self, stream: TcpStream, stopped: &AtomicBool) -> Result<(), String> {
+    fn listen(&self, stream: TcpStream, stopped: &AtomicBool, said: &mut String) -> Result<(), String> {
         let mut lines = BufReader::new(stream);
         let (mut line, mut heard) = (Vec::new(), Instant::now());
         let mut known: Option<BTreeMap<&str, (usize, Option<u32>)>> = None;
@@ -112,7 +106,10 @@ impl<Take: Fn(Incoming)> Follower<Take> {
                 Err(error) => return Err(error.to_string()),
             }
             if line.last() != Some(&b'\n') {
-                if line.len() as u64 == LONGEST || heard.elapsed() > SILENCE {
+                if line.len() as u64 == LONGEST {
+                    return Err(format!("a line has more than {} MiB", LONGEST >> 20));
+                }
+                if heard.elapsed() > SILENCE {
                     return Err(format!("it has sent nothing for {:.0} s", heard.elapsed().as_secs_f64()));
                 }
                 continue;
@@ -121,7 +118,13 @@ impl<Take: Fn(Incoming)> Follower<Take> {
             let wrong =
                 |error: serde_json::Error| format!("what it sends is no line of `dermis robot run --share`: {error}");
             match &mut known {
-                None => known = Some(self.greeted(&serde_json::from_slice(&line).map_err(wrong)?)),
+                None => {
+                    known = Some(self.greeted(&serde_json::from_slice(&line).map_err(wrong)?));
+                    // A tunnel accepts a connection before the part does.
+                    if !std::mem::take(said).is_empty() {
+                        self.notice(Severity::Info, "it is connected again".into());
+                    }
+                }
                 Some(known) => self.take(known, serde_json::from_slice::<Line>(&line).map_err(wrong)?.input),
             }
             line.clear();
@@ -150,16 +153,18 @@ impl<Take: Fn(Incoming)> Follower<Take> {
 
     fn take(&self, known: &mut BTreeMap<&str, (usize, Option<u32>)>, input: Input) {
         let Some((index, device)) = input.skin().and_then(|skin| known.get_mut(skin)) else { return };
-        // A device that was there before this connection was.
-        if let Input::Known { skin, frame } = &input
-            && device.is_none()
-        {
-            let serial = frame.device_serial.unwrap_or(0);
-            (self.take)(Incoming::Part(*index, Input::Connected { skin: skin.clone(), serial }));
-            *device = Some(serial);
-        }
-        if let Input::Connected { serial, .. } = input {
-            *device = Some(serial);
+        match &input {
+            // A device that was there before this connection was, or another one whose line was lost.
+            Input::Known { skin, frame } => {
+                let serial = frame.device_serial.unwrap_or(0);
+                if device.replace(serial) != Some(serial) {
+                    (self.take)(Incoming::Part(*index, Input::Connected { skin: skin.clone(), serial }));
+                }
+            }
+            Input::Connected { serial, .. } => *device = Some(*serial),
+            Input::Stale { .. } | Input::Fault { .. } => {}
+            // What is of its own recording.
+            _ => return,
         }
         (self.take)(Incoming::Part(*index, input));
     }

@@ -77,8 +77,10 @@ impl Watch {
         let mut frames = lock(&self.frames);
         let frame = Arc::new(frame);
         let interval_s = frames.arrived.elapsed().as_secs_f64();
-        let was_stale = frames.reported.take().is_some();
-        if frames.last.is_some() && !was_stale {
+        // One that comes too late ends nothing, and is no measure of the others.
+        let is_late = matches!(frame.result.validity, Validity::Stale { .. });
+        let was_stale = !is_late && frames.reported.take().is_some();
+        if frames.last.is_some() && !was_stale && !is_late {
             frames.interval_s += SMOOTH * (interval_s - frames.interval_s);
         }
         (frames.last, frames.arrived) = (Some(Arc::clone(&frame)), Instant::now());
