@@ -225,7 +225,7 @@ impl RobotLive {
             let again = None;
             readers.push(Reader { options: options(index)?, methods, live: None, again, said: String::new() });
         }
-        let share = how.share.as_ref().map(|address| share(address, robot)).transpose()?;
+        let share = how.share.as_ref().map(|address| share(address, robot, &readers)).transpose()?;
         let recording = how.record.as_ref().map(|folder| RobotRecording::create(robot, folder)).transpose()?;
         let joints_seen = Arc::default();
         let joints = match (socket, robot.joint_source()) {
@@ -317,7 +317,10 @@ impl RobotLive {
     /// Tells the state what is known of a skin without its frame, and records it.
     fn take_input(&mut self, skin: usize, input: Input, now: Timestamp) -> Vec<RuleEvent> {
         let events = input.apply(&mut self.state, skin, now);
-        self.tell(now, || input.clone());
+        // What another program has told is told by that one.
+        if self.readers[skin].options.is_some() {
+            self.tell(now, || input.clone());
+        }
         self.record(now, || input);
         events
     }
@@ -647,11 +650,12 @@ impl RobotLive {
     }
 }
 
-/// Shares the skins that are read with the program of the whole robot.
-fn share(address: &str, robot: &Robot) -> Result<LineServer, LiveError> {
+/// Shares the skins that this program reads with that of the whole robot.
+fn share(address: &str, robot: &Robot, readers: &[Reader]) -> Result<LineServer, LiveError> {
     // Contacts are in the frame of the design.
-    let of = |worn: &WornSkin| (worn.name.clone(), dermis::text::hexadecimal(&worn.design_sha256));
-    let greeting = Greeting { robot: robot.name().into(), skins: robot.skins().iter().map(of).collect() };
+    let of = |(worn, _): (&WornSkin, _)| (worn.name.clone(), dermis::text::hexadecimal(&worn.design_sha256));
+    let read_here = robot.skins().iter().zip(readers).filter(|(_, reader)| reader.options.is_some());
+    let greeting = Greeting { robot: robot.name().into(), skins: read_here.map(of).collect() };
     let line = jsonl::line(&greeting).map_err(|error| LiveError::Given(error.to_string()))?;
     LineServer::with_greeting("--share ", address, line)
 }
