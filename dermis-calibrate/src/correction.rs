@@ -130,16 +130,15 @@ impl Correction {
         let surface = &pixels.surface;
         let (found, evidence) = find(surface, method, detector, frames, labels)?;
         let groups: Vec<Group> = found.iter().map(Found::group).collect();
-        let presses = presses(&found.iter().collect::<Vec<_>>());
+        let presses = distinct(&groups);
         if presses < MIN_FOUND {
-            let errors_m = found.iter().map(|one| surface.distance_m(one.contact.position_m, one.label.position_m));
-            let uncalibrated_m = with_misses(&errors_m.collect::<Vec<_>>(), labels.len());
-            let labels = labels.len();
+            let error_m = |one: &Found| surface.distance_m(one.contact.position_m, one.label.position_m);
+            let errors_m: Vec<f64> = found.iter().map(error_m).collect();
             return Err(CalibrateError::TooFewFound {
                 method: method.name().into(),
                 found: presses,
-                labels,
-                uncalibrated_m,
+                labels: labels.len(),
+                uncalibrated_m: with_misses(&errors_m, labels.len()),
             });
         }
         let length_m = LENGTH_PART * size_m(pixels);
@@ -254,12 +253,12 @@ impl ForceCorrection {
     /// or where their mean says as much.
     fn fit(found: &[Found], frames: &[Frame], length_m: f64) -> Result<Option<(Self, Vec<f64>)>, CalibrateError> {
         let known: Vec<&Found> = found.iter().filter(|one| one.label.force_n > 0.0).collect();
-        if presses(&known) < MIN_FOUND {
+        let groups: Vec<Group> = known.iter().map(|one| one.group()).collect();
+        if distinct(&groups) < MIN_FOUND {
             return Ok(None);
         }
         let labels: Vec<Label> = known.iter().map(|one| one.label).collect();
         let Ok(logs) = ForceLaw::log_forces(&labels) else { return Ok(None) };
-        let groups: Vec<Group> = known.iter().map(|one| one.group()).collect();
         let single: Vec<Input> = known.iter().map(|one| single_input(&one.contact, &frames[one.frame])).collect();
         let several: Vec<Input> = known.iter().map(|one| several_input(&one.contact)).collect();
         let (single, left) = GaussianProcess::fit(&single, &logs, &groups, length_m)?;
@@ -277,8 +276,8 @@ impl ForceCorrection {
 }
 
 /// Number of different presses.
-fn presses(found: &[&Found]) -> usize {
-    found.iter().map(|one| one.group()).collect::<BTreeSet<_>>().len()
+fn distinct(groups: &[Group]) -> usize {
+    groups.iter().collect::<BTreeSet<_>>().len()
 }
 
 impl Found {

@@ -32,8 +32,8 @@ impl RobotDevices {
         RobotDevices { emulators: Vec::new(), is_simulated, swings: is_simulated, begun: Instant::now(), swung: None }
     }
 
-    /// How a skin is read, by index; `None` if another program reads it. `emulator` makes its simulated device for a serial number: that of the file, or the skin's place
-    /// from 1. `force_tare` is [that of the settings](Settings::force_tare).
+    /// How a skin is read, by index; `None` if another program reads it. `emulator` makes its simulated device for a serial number:
+    /// that of the file, or the skin's place from 1. `force_tare` is [that of the settings](Settings::force_tare).
     ///
     /// # Errors
     /// A source that is no address, those of `emulator`.

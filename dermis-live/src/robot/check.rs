@@ -136,6 +136,7 @@ pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotRepo
         base: robot.base().map(String::from),
         joints: joints.unwrap_or_default(),
         warnings: unconnected(robot)
+            .into_iter()
             .chain(robot.rules().iter().filter_map(|rule| without_forces(rule, &skins)))
             .collect(),
         cores: rate_hz * read_here.map(|(skin, _)| skin.frame_s).sum::<f64>(),
@@ -151,22 +152,18 @@ fn places(worn: &WornSkin, set: &MethodSet) -> Vec<Point3> {
 }
 
 /// Skins whose links no chain of joints connects to the base.
-fn unconnected(robot: &Robot) -> impl Iterator<Item = String> {
-    let poses = robot.kinematics().map(|kinematics| robot.poses(&vec![0.0; kinematics.joint_names().len()]));
-    let pose = |worn: &&WornSkin| {
-        let index = robot.kinematics().and_then(|kinematics| kinematics.link(&worn.link))?;
-        poses.as_ref()?[index].as_ref()
-    };
-    let is_apart = |worn: &&WornSkin| poses.is_some() && pose(worn).is_none();
-    robot.skins().iter().filter(is_apart).map(|worn| {
+fn unconnected(robot: &Robot) -> Vec<String> {
+    let Some(kinematics) = robot.kinematics() else { return Vec::new() };
+    let poses = robot.poses(&vec![0.0; kinematics.joint_names().len()]);
+    let is_apart = |worn: &&WornSkin| kinematics.link(&worn.link).is_none_or(|link| poses[link].is_none());
+    let told = |worn: &WornSkin| {
+        let (base, WornSkin { name, link, .. }) = (robot.base().unwrap_or_default(), worn);
         format!(
-            "no chain of joints leads from the base `{}` to the link `{}` of the skin `{}`: where its contacts are in the frame of the \
-             base stays unknown",
-            robot.base().unwrap_or_default(),
-            worn.link,
-            worn.name
+            "no chain of joints leads from the base `{base}` to the link `{link}` of the skin `{name}`: where its contacts are in the \
+             frame of the base stays unknown"
         )
-    }).collect::<Vec<_>>().into_iter()
+    };
+    robot.skins().iter().filter(is_apart).map(told).collect()
 }
 
 /// Why a rule of forces is about skins without.

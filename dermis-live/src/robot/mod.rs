@@ -205,8 +205,8 @@ impl RobotLive {
     ///
     /// # Errors
     /// A method that does not exist or cannot be prepared, a socket of joint states that cannot be opened, an address at which the
-    /// skins cannot be shared, a folder of a
-    /// recording that exists or cannot be written, those of `options`. A device that is not there or is refused is waited for.
+    /// skins cannot be shared, a folder of a recording that exists or cannot be written, those of `options`. A device that is not
+    /// there or is refused is waited for.
     pub fn start<E: From<LiveError>>(
         robot: &Arc<Robot>,
         methods: &Methods,
@@ -222,8 +222,7 @@ impl RobotLive {
         let (mut prepared, mut readers) = (Prepared::new(methods), Vec::new());
         for (index, worn) in robot.skins().iter().enumerate() {
             let methods = prepared.of(worn)?;
-            let again = None;
-            readers.push(Reader { options: options(index)?, methods, live: None, again, said: String::new() });
+            readers.push(Reader { options: options(index)?, methods, live: None, again: None, said: String::new() });
         }
         let share = how.share.as_ref().map(|address| share(address, robot, &readers)).transpose()?;
         let recording = how.record.as_ref().map(|folder| RobotRecording::create(robot, folder)).transpose()?;

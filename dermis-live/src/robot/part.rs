@@ -81,10 +81,8 @@ impl<Take: Fn(Incoming)> Follower<Take> {
         let addresses = self.address.to_socket_addrs().map_err(failed)?;
         let mut last = std::io::Error::new(std::io::ErrorKind::NotFound, "it has no address");
         for address in addresses {
-            match TcpStream::connect_timeout(&address, SILENCE).and_then(|stream| {
-                stream.set_read_timeout(Some(POLL))?;
-                Ok(stream)
-            }) {
+            let connected = TcpStream::connect_timeout(&address, SILENCE);
+            match connected.and_then(|stream| stream.set_read_timeout(Some(POLL)).map(|()| stream)) {
                 Ok(stream) => return Ok(stream),
                 Err(error) => last = error,
             }
