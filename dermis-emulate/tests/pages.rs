@@ -4,7 +4,7 @@
 mod page;
 
 use dermis_live::sinks::viewer::{Server, ServerOptions};
-use dermis_live::{ClientSession, Event, Popped};
+use dermis_live::{ClientSession, Event, Live, Popped};
 use serde_json::Value;
 use std::io::Write;
 use std::net::{SocketAddr, TcpStream};
@@ -48,6 +48,17 @@ fn next(page: &mut Page, kind: &str) -> Value {
 fn resident_bytes() -> usize {
     let text = std::fs::read_to_string("/proc/self/statm").unwrap();
     text.split_whitespace().nth(1).unwrap().parse::<usize>().unwrap() * 4096
+}
+
+/// Asserts that no frame is skipped during a piece of work. A loaded machine may halt once and skip frames for it; work that
+/// costs frames does so every time.
+fn no_frame_is_skipped(live: &Live, mut work: impl FnMut()) {
+    let skipped = |_| {
+        let before = live.shared().skipped();
+        work();
+        live.shared().skipped() - before
+    };
+    assert!((0..3).map(skipped).any(|frames| frames == 0), "frames are skipped each time");
 }
 
 /// Serialises the tests, because memory is measured for the whole process.
@@ -100,9 +111,10 @@ fn rubbish_is_refused_in_words_and_disturbs_nobody() {
     let _ = raw.get_mut().write_all(&[0xFF; 5000]);
     assert!(ended(&mut raw), "a page that sends no messages");
 
-    let frames = frames_in(&mut good, Duration::from_secs(1));
-    assert!(frames > 60, "{frames} frames in a second");
-    assert_eq!(live.shared().skipped(), 0);
+    no_frame_is_skipped(&live, || {
+        let frames = frames_in(&mut good, Duration::from_secs(1));
+        assert!(frames > 60, "{frames} frames in a second");
+    });
     live.stop();
     server.stop();
 }
@@ -124,13 +136,14 @@ fn commands_that_come_too_fast_are_refused() {
     }
     assert!((1..=6 + 2 * begun.elapsed().as_secs()).contains(&done), "{done}");
     let reader = live.shared().subscribe(4096);
-    std::thread::sleep(Duration::from_secs(1));
-    let mut frames = 0;
-    while let Popped::Item(event) = reader.take(Duration::ZERO) {
-        frames += usize::from(matches!(event, Event::Frame(_)));
-    }
-    assert!(frames > 60, "{frames} frames in a second");
-    assert_eq!(live.shared().skipped(), 0);
+    no_frame_is_skipped(&live, || {
+        std::thread::sleep(Duration::from_secs(1));
+        let mut frames = 0;
+        while let Popped::Item(event) = reader.take(Duration::ZERO) {
+            frames += usize::from(matches!(event, Event::Frame(_)));
+        }
+        assert!(frames > 60, "{frames} frames in a second");
+    });
     live.stop();
 }
 
@@ -194,9 +207,10 @@ fn pages_that_never_read_cost_the_others_nothing() {
     let idle: Vec<Page> = (0..20).map(|_| open(server.address())).collect();
     #[cfg(target_os = "linux")]
     let before = resident_bytes();
-    let frames = frames_in(&mut good, Duration::from_secs(4));
-    assert!(frames > 300, "{frames} frames in four seconds");
-    assert_eq!(live.shared().skipped(), 0);
+    no_frame_is_skipped(&live, || {
+        let frames = frames_in(&mut good, Duration::from_secs(4));
+        assert!(frames > 300, "{frames} frames in four seconds");
+    });
     #[cfg(target_os = "linux")]
     {
         let grown = resident_bytes().saturating_sub(before);
