@@ -168,7 +168,9 @@ fn events_dropped_by_a_sink_are_reported_and_counted() {
     assert!(left_out > 200, "{left_out}");
     shared.unsubscribe(&stalled);
     assert!(shared.dropped()["a stalled sink"] >= left_out, "when it has gone too");
-    assert_eq!(next(&mut open(server.address()), "status")["counts"]["late"], 0);
+    let before = shared.skipped();
+    let late = next(&mut open(server.address()), "status")["counts"]["late"].as_u64().unwrap();
+    assert!((before..=shared.skipped()).contains(&late), "{late} late frames: not those of a sink");
     live.stop();
     server.stop();
 }
