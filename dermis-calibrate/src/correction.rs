@@ -10,11 +10,13 @@ use crate::strength::{
 };
 use dermis::contact::Contact;
 use dermis::detect::Detector;
+use dermis::files::sha256;
 use dermis::frame::Frame;
 use dermis::geom::{Point3, Surface};
 use dermis::image::PixelSpace;
 use dermis::method::Method;
 use dermis::stats::{mean, mean_and_sd, quantile, rms, sorted};
+use dermis::text::hexadecimal;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -52,6 +54,9 @@ const LENGTH_PART: f64 = 0.1;
 pub struct Correction {
     /// Name of the corrected method.
     pub(crate) method: String,
+    /// The checksum of the card of the corrected method, if it has one: a network that is trained again is another method.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    card_sha256: Option<String>,
     /// Shift along the two directions of the [chart](Surface::chart), m; `None` where no shift lowers the
     /// cross-validated error.
     shift_m: Option<[GaussianProcess; 2]>,
@@ -90,6 +95,13 @@ pub struct CorrectionQuality {
     pub labels: usize,
     /// Labels that the method found.
     pub found: usize,
+    /// Labels whose frames have contacts, but none within [`GATE_M`](dermis::contact::GATE_M).
+    #[serde(default)]
+    pub elsewhere: usize,
+    /// Length of the mean of the vectors from the contacts to their labels, without the correction, m: what a wrong origin of
+    /// the labels gives all of them alike. `None` in a correction of before this was stored.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub common_shift_m: Option<f64>,
     /// Mean error of the position without the correction, m.
     pub mean_error_before_m: f64,
     /// Mean error of labels that the correction had not seen, m.
@@ -128,7 +140,7 @@ impl Correction {
         labels: &[Label],
     ) -> Result<Self, CalibrateError> {
         let surface = &pixels.surface;
-        let (found, evidence) = find(surface, method, detector, frames, labels)?;
+        let Searched { found, elsewhere, evidence } = find(surface, method, detector, frames, labels)?;
         let groups: Vec<Group> = found.iter().map(Found::group).collect();
         let presses = distinct(&groups);
         if presses < MIN_FOUND {
@@ -153,12 +165,15 @@ impl Correction {
         let ((u, left_u), (v, left_v)) = (fit(0)?, fit(1)?);
         let shifted_m: Vec<f64> = left_u.iter().zip(&left_v).map(|(u, v)| u.hypot(*v)).collect();
         let before_m: Vec<f64> = errors_m.iter().map(|[u, v]| u.hypot(*v)).collect();
+        let mean_along = |axis: usize| mean(&errors_m.iter().map(|error| error[axis]).collect::<Vec<f64>>());
         let helps = mean(&shifted_m) < mean(&before_m);
         let left_m = if helps { shifted_m } else { before_m.clone() };
         let force = ForceCorrection::fit(&found, frames, length_m)?;
         let quality = CorrectionQuality {
             labels: labels.len(),
             found: found.len(),
+            elsewhere,
+            common_shift_m: Some(mean_along(0).hypot(mean_along(1))),
             mean_error_before_m: mean(&before_m),
             mean_error_m: mean(&left_m),
             with_misses_m: Some([&before_m, &left_m].map(|errors_m| with_misses(errors_m, labels.len()))),
@@ -168,6 +183,7 @@ impl Correction {
         };
         Ok(Correction {
             method: method.name().into(),
+            card_sha256: card_sha256(method),
             shift_m: helps.then_some([u, v]),
             sd_factor: match method.reconstruct().is_adaptable() {
                 // The deviations of refined contacts are those of each place: most labels are far from edges, where they are small.
@@ -200,6 +216,11 @@ impl Correction {
     /// The cross-validated mean error of all labels, where those that were not found count as the gate, m.
     pub(crate) fn with_misses_m(&self) -> f64 {
         self.quality.with_misses_m.map_or(self.quality.mean_error_m, |[_, after_m]| after_m)
+    }
+
+    /// Whether a method is the corrected one, as it was at the fit.
+    pub(crate) fn is_of(&self, method: &Method) -> bool {
+        self.card_sha256.is_none() || self.card_sha256 == card_sha256(method)
     }
 
     /// Name of the corrected method.
@@ -275,6 +296,11 @@ impl ForceCorrection {
     }
 }
 
+/// The checksum of the card of a method, if it has one, hexadecimal.
+fn card_sha256(method: &Method) -> Option<String> {
+    method.card().map(|card| hexadecimal(&sha256(card.as_bytes())))
+}
+
 /// Number of different presses.
 fn distinct(groups: &[Group]) -> usize {
     groups.iter().collect::<BTreeSet<_>>().len()
@@ -295,15 +321,25 @@ fn with_misses(errors_m: &[f64], labels: usize) -> f64 {
     (errors_m.iter().sum::<f64>() + (labels - errors_m.len()) as f64 * GATE_M) / labels as f64
 }
 
-/// The labels that the method finds, each with the nearest contact; and the [evidence](matching::evidence) of all that
-/// have a contact, of the strongest one: the nearest one would make any label fit.
+/// What a method finds of labels.
+struct Searched {
+    /// Those that it finds, each with the nearest contact.
+    found: Vec<Found>,
+    /// Number of those whose frames have contacts elsewhere only.
+    elsewhere: usize,
+    /// The [evidence](matching::evidence) of all that have a contact, of the strongest one: the nearest one would make any label
+    /// fit.
+    evidence: Option<f64>,
+}
+
+/// Searches the contacts of the labels' frames.
 fn find(
     surface: &Surface,
     method: &Method,
     detector: &Detector,
     frames: &[Frame],
     labels: &[Label],
-) -> Result<(Vec<Found>, Option<f64>), CalibrateError> {
+) -> Result<Searched, CalibrateError> {
     let contacts = |label: &Label| {
         let mut contacts = method.contacts(&frames[label.row], detector).map_err(dermis::Error::from)?;
         contacts.retain(|contact| contact.strength > 0.0);
@@ -321,7 +357,8 @@ fn find(
         nearest.filter(|contact| apart(contact) <= GATE_M).map(|contact| Found { contact, label, frame: label.row })
     };
     let evidence = matching::evidence(&estimates_m, &labels_m, std::slice::from_ref(&(0..labels_m.len())));
-    Ok((contacts.into_iter().filter_map(nearest).collect(), evidence))
+    let found: Vec<Found> = contacts.into_iter().filter_map(nearest).collect();
+    Ok(Searched { elsewhere: estimates_m.len() - found.len(), found, evidence })
 }
 
 /// Number of features of a force.

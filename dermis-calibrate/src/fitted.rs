@@ -1,7 +1,7 @@
 //! The calibration that presses give: a forward map, or the correction of a method.
 
 use crate::calibration::{Calibration, Label, LabelFrame, Quality, check, check_positions, flatten};
-use crate::correction::Correction;
+use crate::correction::{Correction, CorrectionQuality};
 use crate::error::CalibrateError;
 use crate::matching::MIN_EVIDENCE;
 use crate::strength::UnusedForces;
@@ -12,6 +12,7 @@ use dermis::geom::vector::{centroid, distance};
 use dermis::method::{MethodOptions, Methods};
 use dermis::reconstruct::MIN_UNTOUCHED_FRAMES;
 use dermis::skin::Skin;
+use dermis::text::counted;
 use serde::Serialize;
 use std::path::Path;
 
@@ -35,6 +36,10 @@ pub struct Alternatives {
 }
 
 impl Alternatives {
+    /// What to do where a calibration is of no use.
+    pub const FIX: &str = "check that the labels belong to the frames, their rows, units and axes (dermis check-frames --truth), or \
+                           label more presses";
+
     /// Those of some labels; `uncalibrated` are the skin's own methods.
     fn of(skin: &Skin, labels: &[Label], frame: LabelFrame, uncalibrated: Vec<(String, f64)>) -> Self {
         let surface = skin.design().body.surface();
@@ -59,6 +64,13 @@ impl Alternatives {
 
     /// Why a calibration is of no use, if so.
     pub fn reason(&self, fitted: &Fitted) -> Option<String> {
+        if let Fitted::Correction(correction) = fitted {
+            let CorrectionQuality { found, elsewhere, .. } = *correction.quality();
+            if elsewhere > found {
+                let apart = format!("have their contacts of {} more than 20 mm from their labels", correction.method());
+                return Some(format!("{elsewhere} of {} {apart}", counted(elsewhere + found, "touched frame")));
+            }
+        }
         self.reason_of(fitted.with_misses_m(), fitted.evidence())
     }
 
@@ -90,26 +102,11 @@ impl Fitted {
 
     /// Fits the forward map, or the correction of a method by its name; without a choice, whichever locates the labels
     /// better, of the forward map and corrections of the skin's own methods: its contacts, and with enough untouched frames
-    /// its refined contacts.
+    /// its refined contacts. Returns what it has to be better than, too: [`Alternatives::reason`] says whether it is.
     ///
     /// # Errors
     /// As [`Calibration::fit`] and [`Correction::fit`]; a correction of labels in a robot's frame; an unknown method.
     pub fn fit(
-        methods: &Methods,
-        skin: &Skin,
-        differences: &Differences,
-        labels: &[Label],
-        frame: LabelFrame,
-        method: Option<&str>,
-    ) -> Result<Self, CalibrateError> {
-        Self::choose(methods, skin, differences, labels, frame, method, &mut None)
-    }
-
-    /// The same, and what it has to be better than.
-    ///
-    /// # Errors
-    /// As [`fit`](Self::fit).
-    pub fn fit_and_compare(
         methods: &Methods,
         skin: &Skin,
         differences: &Differences,
@@ -201,6 +198,20 @@ impl Fitted {
             Fitted::ForwardMap(map) => map.quality().evidence,
             Fitted::Correction(correction) => correction.quality().evidence,
         }
+    }
+
+    /// What speaks against the places of the labels without refuting them: of a correction, a shift of all of them alike that
+    /// is larger than the errors it leaves.
+    pub fn doubt(&self) -> Option<String> {
+        let Fitted::Correction(correction) = self else { return None };
+        let CorrectionQuality { common_shift_m, mean_error_m, .. } = *correction.quality();
+        let shift_m = common_shift_m.filter(|shift_m| *shift_m > mean_error_m)?;
+        Some(format!(
+            "the labels lie {:.1} mm from the contacts of {}, all of them in the same direction, and the calibration shifts its \
+             contacts by that: check the origin of the labels and the place of the electrodes",
+            1e3 * shift_m,
+            correction.method()
+        ))
     }
 
     /// Writes it to a folder, which is created.

@@ -72,9 +72,10 @@ impl Fitted {
         name: &str,
         options: &MethodOptions,
     ) -> Result<Method, MethodError> {
+        // A correction is of the method with its default options.
+        options.check_not_linear(name)?;
         match self {
             Fitted::ForwardMap(calibration) => {
-                options.check_not_linear(name)?;
                 if !options.excluded.is_empty() {
                     let message = "uses all channels: leave --leave-out out".into();
                     return Err(MethodError::Option { method: name.into(), message });
@@ -84,6 +85,11 @@ impl Fitted {
             }
             Fitted::Correction(correction) => {
                 let base = methods.method(skin, correction.method(), options)?;
+                if !correction.is_of(&base) {
+                    let message =
+                        format!("corrects {}, which has been trained again since: calibrate again", base.name());
+                    return Err(MethodError::Option { method: name.into(), message });
+                }
                 // The end of the label says whether contacts are refined.
                 let label = format!("correction in {name} of {}", base.label());
                 let base = Arc::clone(base.reconstruct());

@@ -4,10 +4,12 @@ use dermis::design::SkinDesign;
 use dermis::detect::Detector;
 use dermis::frame::Frame;
 use dermis::geom::Point3;
-use dermis::geom::vector::distance;
-use dermis::method::{Method, MethodOptions, Methods};
+use dermis::geom::vector::{add, distance};
+use dermis::method::{Method, MethodError, MethodOptions, MethodSource, Methods};
+use dermis::reconstruct::Alpha;
 use dermis::skin::Skin;
-use dermis_calibrate::{CalibrateError, Calibrations, Correction, Fitted, Label};
+use dermis_calibrate::{Alternatives, CalibrateError, Calibrations, Correction, Fitted, Label};
+use std::sync::Arc;
 
 /// A touch of a size at each of some pixels, by the Jacobian.
 fn frames(skin: &Skin, touches: &[(usize, f64)]) -> Vec<Frame> {
@@ -150,4 +152,58 @@ fn a_correction_of_another_model_is_refused() {
     design.electrodes[0].contact_impedance *= 2.0;
     let error = Correction::load(folder.path(), &design).unwrap_err().to_string();
     assert!(error.contains("contact impedances") && error.contains("calibrate again"), "{error}");
+}
+
+/// Labels that are off alike are doubted, and those of which most are elsewhere are refused.
+#[test]
+fn labels_beside_their_contacts_are_told() {
+    let anything = Alternatives { guess_m: f64::INFINITY, uncalibrated: None };
+    let mut case = case();
+    let known = case.labels.clone();
+    let mut moved = |of: &dyn Fn(usize) -> Point3| {
+        let label = |(row, label): (usize, &Label)| Label { position_m: add(label.position_m, of(row)), ..*label };
+        case.labels = known.iter().enumerate().map(label).collect();
+        let fitted = Fitted::Correction(Box::new(fit(&case, 100).unwrap()));
+        (anything.reason(&fitted), fitted.doubt())
+    };
+    let (reason, doubt) = moved(&|_| [0.01, 0.0, 0.0]);
+    assert_eq!(reason, None);
+    assert!(doubt.unwrap().contains("all of them in the same direction"));
+    let (reason, _) = moved(&|row| [if row % 3 == 0 { 0.0 } else { 0.05 }, 0.0, 0.0]);
+    assert!(reason.unwrap().contains("66 of 100 touched frames"));
+}
+
+/// A network that was trained again is another method, and so is a method with other options.
+#[test]
+fn a_correction_of_another_network_is_refused() {
+    struct Network(&'static str);
+    impl MethodSource for Network {
+        fn names(&self, _: &Skin) -> Result<Vec<String>, MethodError> {
+            Ok(vec!["network".into()])
+        }
+
+        fn method(&self, skin: &Skin, name: &str, options: &MethodOptions) -> Result<Option<Method>, MethodError> {
+            if name != "network" {
+                return Ok(None);
+            }
+            let linear = Methods::linear().method(skin, "noser", options)?;
+            Ok(Some(Method::new(name, name, Arc::clone(linear.reconstruct())).with_card(self.0.into())))
+        }
+    }
+
+    let mut case = case();
+    let methods = |card| Methods::linear().with(Network(card));
+    case.method = methods("first").method(&case.skin, "network", &MethodOptions::default()).unwrap();
+    let fitted = Fitted::Correction(Box::new(fit(&case, 100).unwrap()));
+    let corrected = |card, options: &MethodOptions| {
+        fitted
+            .clone()
+            .into_method(&methods(card), &case.skin, "corrected", options)
+            .map(|_| ())
+            .map_err(|e| e.to_string())
+    };
+    assert_eq!(corrected("first", &MethodOptions::default()), Ok(()));
+    assert!(corrected("second", &MethodOptions::default()).unwrap_err().contains("trained again"));
+    let other = MethodOptions { alpha: Alpha::Given(0.1), ..MethodOptions::default() };
+    assert!(corrected("first", &other).unwrap_err().contains("leave alpha out"));
 }

@@ -50,11 +50,10 @@ fn is_refused(skin: &Skin, twin: &str, labels: Labels, seed: u64) -> (bool, Stri
     };
     let labels: Vec<Label> = (0..count).map(label).collect();
     let methods = Methods::linear();
-    let (fitted, alternatives) =
-        match Fitted::fit_and_compare(&methods, skin, &differences, &labels, LabelFrame::Skin, None) {
-            Ok(fitted) => fitted,
-            Err(error) => return (true, error.to_string()),
-        };
+    let (fitted, alternatives) = match Fitted::fit(&methods, skin, &differences, &labels, LabelFrame::Skin, None) {
+        Ok(fitted) => fitted,
+        Err(error) => return (true, error.to_string()),
+    };
     let reason = alternatives.reason(&fitted);
     let text = format!(
         "{count} labels, {:.1} mm, evidence {:.1}, guess {:.1} mm, uncalibrated {:?}",

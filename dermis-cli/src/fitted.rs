@@ -23,17 +23,15 @@ pub fn fit(
     method: Option<&str>,
 ) -> Outcome<(Fitted, Alternatives)> {
     let _waiting = Progress::waiting("fitting the calibration");
-    Fitted::fit_and_compare(&dermis_learn::methods(), skin, differences, labels, frame, method).map_err(|error| {
-        match error {
-            CalibrateError::Method(error) => match *error {
-                MethodError::Dermis(error) => error.into(),
-                error => {
-                    let message = format!("--method {}: {error}", method.unwrap_or_default());
-                    Failure::given(message, Some("or give --method forward-map"))
-                }
-            },
-            error => error.into(),
-        }
+    Fitted::fit(&dermis_learn::methods(), skin, differences, labels, frame, method).map_err(|error| match error {
+        CalibrateError::Method(error) => match *error {
+            MethodError::Dermis(error) => error.into(),
+            error => {
+                let message = format!("--method {}: {error}", method.unwrap_or_default());
+                Failure::given(message, Some("or give --method forward-map"))
+            }
+        },
+        error => error.into(),
     })
 }
 
@@ -81,12 +79,15 @@ fn unused_forces(fitted: &Fitted, labels: &[Label]) -> Option<String> {
 }
 
 fn correction_summary(correction: &Correction) -> Table {
-    let CorrectionQuality { labels, found, mean_error_before_m, mean_error_m, force_error, force_spread, .. } =
-        *correction.quality();
+    let quality = *correction.quality();
+    let CorrectionQuality { labels, found, mean_error_before_m, mean_error_m, force_error, force_spread, .. } = quality;
     let mut table = Table::new(&["figure", "value"]);
     table.pair("corrected method", correction.method());
     table.pair("labelled presses", format!("{labels}, of which it finds {found}"));
     table.pair("mean error before", format!("{:.2} mm", 1e3 * mean_error_before_m));
+    if let Some(shift_m) = quality.common_shift_m {
+        table.pair("of which all labels alike", format!("{:.2} mm", 1e3 * shift_m));
+    }
     table.pair("mean error, cross-validated", format!("{:.2} mm", 1e3 * mean_error_m));
     force_row(&mut table, force_error, force_spread);
     table

@@ -156,6 +156,8 @@ fn one_damaged_bit_costs_one_chunk() {
     assert!(code == Some(2) && frames >= 765 && text.contains("1 damaged part lost"), "{code:?}: {text}");
     let (code, text) = said(&at, "replay one-bit.mcap --summary");
     assert!(code == Some(2) && text.contains(&format!("{frames} frames")), "{code:?}: {text}");
+    let (code, text) = said(&at, "convert one-bit.mcap -o tables");
+    assert!(code == Some(2) && text.contains("1 damaged part lost"), "{code:?}: {text}");
 }
 
 #[test]

@@ -2,12 +2,12 @@
 
 use crate::arrays::{self, Column, Rows};
 use crate::failure::{Failure, Outcome};
-use crate::method::{IN_MEMORY, Method};
+use crate::method::{IN_MEMORY, Method, doubt};
 use crate::skin::Skin;
 use crate::worker;
 use dermis::frame::Differences;
 use dermis::method::MethodOptions;
-use dermis_calibrate::{CalibrateError, Fitted, Label, LabelFrame, Located};
+use dermis_calibrate::{Alternatives, CalibrateError, Fitted, Label, LabelFrame, Located};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -53,12 +53,19 @@ impl Calibration {
         differences: &Differences,
         presses: &Presses<'_, '_>,
         method: Option<&str>,
+        force: bool,
     ) -> Outcome<Self> {
         let labels = presses.labels()?;
         let frame = if presses.in_robot_frame { LabelFrame::Robot } else { LabelFrame::Skin };
-        let fitted = worker::run(py, "calibrating", 1, |_| {
+        let (fitted, alternatives) = worker::run(py, "calibrating", 1, |_| {
             Ok(Fitted::fit(&dermis_learn::methods(), skin.skin(), differences, &labels, frame, method)?)
         })?;
+        if let Some(reason) = alternatives.reason(&fitted) {
+            doubt(py, &reason, Alternatives::FIX, !force)?;
+        }
+        if let Some(reason) = fitted.doubt() {
+            py.import("warnings")?.call_method1("warn", (reason,))?;
+        }
         Ok(Calibration { skin: skin.clone(), fitted })
     }
 

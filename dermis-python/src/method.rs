@@ -45,8 +45,6 @@ impl Method {
         Method { skin, method, alpha }
     }
 
-    /// The differences of frames from a baseline, and whether one frame was given. Frames that cannot be those of the skin are
-    /// refused, as by the program; doubtful ones give a warning.
     fn differences(
         &self,
         py: Python<'_>,
@@ -54,20 +52,38 @@ impl Method {
         baseline: Option<&Bound<'_, PyAny>>,
         force: bool,
     ) -> Outcome<(Differences, bool)> {
-        let skin = self.skin.skin();
-        let protocol = &skin.design().protocol;
-        let (differences, is_single) = arrays::differences(frames, baseline, protocol.channel_count())?;
-        let model = skin.untouched().map_err(Failure::given)?;
-        let broken = broken_channels(&differences.untouched);
-        for found in Plausibility::new(protocol, model, &broken).of(&differences) {
-            let Finding { evidence, fix, .. } = &found;
-            if found.is_fault() && !force {
-                return Err(Failure::with_hint(evidence, &format!("{fix}; `force=True` goes on all the same")));
-            }
-            py.import("warnings")?.call_method1("warn", (format!("{evidence}; {fix}"),))?;
-        }
-        Ok((differences, is_single))
+        differences(py, &self.skin, frames, baseline, force)
     }
+}
+
+/// The differences of frames from a baseline, and whether one frame was given. Frames that cannot be those of the skin are
+/// refused, as by the program; doubtful ones give a warning.
+pub fn differences(
+    py: Python<'_>,
+    skin: &Skin,
+    frames: &Bound<'_, PyAny>,
+    baseline: Option<&Bound<'_, PyAny>>,
+    force: bool,
+) -> Outcome<(Differences, bool)> {
+    let skin = skin.skin();
+    let protocol = &skin.design().protocol;
+    let (differences, is_single) = arrays::differences(frames, baseline, protocol.channel_count())?;
+    let model = skin.untouched().map_err(Failure::given)?;
+    let broken = broken_channels(&differences.untouched);
+    for found in Plausibility::new(protocol, model, &broken).of(&differences) {
+        let Finding { evidence, fix, .. } = &found;
+        doubt(py, evidence, fix, found.is_fault() && !force)?;
+    }
+    Ok((differences, is_single))
+}
+
+/// Refuses for a reason, or gives it as a warning.
+pub fn doubt(py: Python<'_>, reason: &str, fix: &str, refuses: bool) -> Outcome<()> {
+    if refuses {
+        return Err(Failure::with_hint(reason, &format!("{fix}; `force=True` goes on all the same")));
+    }
+    py.import("warnings")?.call_method1("warn", (format!("{reason}; {fix}"),))?;
+    Ok(())
 }
 
 /// The results for all frames, in parallel.

@@ -4,7 +4,7 @@ use crate::arrays::{self, Rows};
 use crate::calibration::{Calibration, Presses};
 use crate::failure::{Failure, Outcome};
 use crate::mesh::Mesh;
-use crate::method::{Method, method_name};
+use crate::method::{self, Method, method_name};
 use crate::picture;
 use crate::samples::Samples;
 use crate::simulation::Simulation;
@@ -339,7 +339,7 @@ impl Skin {
     }
 
     #[doc = stub_doc!(Skin.calibrate)]
-    #[pyo3(signature = (frames, positions, baseline=None, *, force_n=None, rows=None, method=None, robot_frame=false))]
+    #[pyo3(signature = (frames, positions, baseline=None, *, force_n=None, rows=None, method=None, robot_frame=false, force=false))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
     fn calibrate(
         &self,
@@ -351,10 +351,11 @@ impl Skin {
         rows: Option<&Bound<'_, PyAny>>,
         method: Option<&str>,
         robot_frame: bool,
+        force: bool,
     ) -> Outcome<Calibration> {
-        let (differences, _) = arrays::differences(frames, baseline, self.channel_count())?;
+        let (differences, _) = method::differences(py, self, frames, baseline, force)?;
         let presses = Presses { positions, force_n, rows, in_robot_frame: robot_frame };
-        Calibration::fit(py, self, &differences, &presses, method)
+        Calibration::fit(py, self, &differences, &presses, method, force)
     }
 
     /// Reads a calibration of this skin from its folder.

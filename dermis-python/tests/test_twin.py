@@ -114,7 +114,7 @@ def test_a_calibration_locates_presses_that_it_has_not_seen(skin, twin, tmp_path
     untouched = twin.untouched(100)
     frames = twin.press(positions, force_n=forces, first=100)
     calibration = skin.calibrate(
-        frames, positions[:80], untouched, force_n=forces[:80], rows=np.arange(80), method="forward-map"
+        frames, positions[:80], untouched, force_n=forces[:80], rows=np.arange(80), method="forward-map", force=True
     )
     assert calibration.name == "forward-map"
     located = calibration.locate(frames, untouched)

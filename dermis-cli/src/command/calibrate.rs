@@ -16,7 +16,7 @@ use dermis::method::Methods;
 use dermis::skin::Skin;
 use dermis_calibrate::checks::{Recording, check_recording};
 use dermis_calibrate::{
-    Calibration, Fitted, Label, LabelFrame, LearningPoint, Presses, expected_error_m, learning_curve,
+    Alternatives, Calibration, Fitted, Label, LabelFrame, LearningPoint, Presses, expected_error_m, learning_curve,
 };
 use dermis_plot::report::Table;
 use serde::Serialize;
@@ -103,8 +103,7 @@ impl Arguments {
         let (fitted, alternatives) = fitted::fit(&skin, &used, &labels, presses.frame(), method)?;
         let outlook = self.outlook(&skin, &used.frames, &labels, presses.frame(), &fitted)?;
         if let Some(reason) = alternatives.reason(&fitted) {
-            let fix = "check that the labels belong to the frames, their rows, units and axes (dermis check-frames --truth), or \
-                       label more presses";
+            let fix = Alternatives::FIX;
             if !self.force {
                 // Where to press next is asked while there are too few presses.
                 if let Some(outlook) = outlook.as_ref().filter(|_| !self.json) {
@@ -113,6 +112,9 @@ impl Arguments {
                 return Err(Failure::given(reason, Some(&format!("{fix}; --force writes it all the same"))));
             }
             warn(&format!("{reason}; {fix}"));
+        }
+        if let Some(doubt) = fitted.doubt() {
+            warn(&doubt);
         }
         fitted.save(&self.output, skin.design())?;
         if self.json {

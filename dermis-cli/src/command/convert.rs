@@ -1,5 +1,6 @@
 //! `dermis convert`: conversion of a recording to tables.
 
+use crate::command::recover::damage;
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
 use clap::Args;
@@ -28,13 +29,14 @@ impl Arguments {
             convert(&self.recording, &self.output).map_err(dermis_live::LiveError::from)?
         };
         match self.json {
-            true => print_json(&converted),
-            false => print(&self.summary(&converted)),
+            true => print_json(&converted)?,
+            false => print(&self.summary(&converted))?,
         }
+        damage(&self.recording, converted.damaged)
     }
 
     fn summary(&self, converted: &Converted) -> String {
-        let Converted { frames, channels, picture: [rows, columns], contacts, ref left_out } = *converted;
+        let Converted { frames, channels, picture: [rows, columns], contacts, ref left_out, .. } = *converted;
         let folder = self.output.display();
         let mut text = format!(
             "{folder}: {} of {channels} values and {rows} x {columns} pixels, {}\n",

@@ -22,8 +22,10 @@ pub struct Converted {
     pub picture: [usize; 2],
     /// Contacts in all frames.
     pub contacts: usize,
-    /// What was skipped: incomplete frames, damaged parts, and a truncated end.
+    /// What was skipped: damaged parts and frames, and a truncated end.
     pub left_out: Vec<String>,
+    /// How many of these are damaged.
+    pub damaged: usize,
 }
 
 /// Converts a recording to a folder:
@@ -78,11 +80,12 @@ pub(super) struct Rows {
     values: Option<(mcap::records::MessageHeader, Image)>,
     image: Option<Image>,
     pub left_out: Vec<String>,
+    damaged: usize,
 }
 
 impl Rows {
     pub(super) fn open(path: &Path) -> Result<Self, RecordError> {
-        Ok(Rows { messages: Messages::open(path)?, values: None, image: None, left_out: Vec::new() })
+        Ok(Rows { messages: Messages::open(path)?, values: None, image: None, left_out: Vec::new(), damaged: 0 })
     }
 
     /// The next complete frame. Unreadable parts are skipped and reported.
@@ -96,7 +99,7 @@ impl Rows {
             match taken {
                 Ok(Some(row)) => return Ok(Some(row)),
                 Ok(None) => {}
-                Err(why) => self.left_out.push(why),
+                Err(why) => self.leave_out(why),
             }
         }
         if let Some(End::Cut { at, bytes }) = self.messages.walk.end() {
@@ -106,6 +109,11 @@ impl Rows {
             });
         }
         Ok(None)
+    }
+
+    fn leave_out(&mut self, why: String) {
+        self.left_out.push(why);
+        self.damaged += 1;
     }
 
     /// A frame is complete with its contacts, which are written after its values and its image.
@@ -171,7 +179,7 @@ fn tables(path: &Path, folder: &Path) -> Result<(Converted, Columns), RecordErro
     let (mut converted, mut columns) = (Converted::default(), Columns::default());
     while let Some(row) = rows.next()? {
         if !converted.takes(&row) {
-            rows.left_out.push(format!("frame {}: of another size than the first", row.sequence));
+            rows.leave_out(format!("frame {}: of another size than the first", row.sequence));
             continue;
         }
         frame_line(&mut frames, &row.values).map_err(io)?;
@@ -185,7 +193,7 @@ fn tables(path: &Path, folder: &Path) -> Result<(Converted, Columns), RecordErro
     for mut file in [frames, times, contacts] {
         file.flush().map_err(io)?;
     }
-    converted.left_out = rows.left_out;
+    (converted.left_out, converted.damaged) = (rows.left_out, rows.damaged);
     if converted.frames == 0 {
         return Err(RecordError::lacks(path, "holds no frame: nothing was recorded, or not by `dermis live`"));
     }

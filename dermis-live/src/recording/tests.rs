@@ -371,6 +371,7 @@ fn tables_of_a_cut_recording_say_what_they_lack() {
     let converted = convert(&path, &folder.path().join("tables")).unwrap();
     assert!((100..200).contains(&converted.frames));
     assert!(converted.left_out.iter().any(|why| why.contains("was cut")), "{:?}", converted.left_out);
+    assert_eq!(converted.damaged, 0);
     let names: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(names.len(), 2, "nothing else is left: {names:?}");
 }

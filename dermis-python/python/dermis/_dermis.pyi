@@ -797,6 +797,7 @@ class Skin:
         rows: ArrayLike | None = None,
         method: str | None = None,
         robot_frame: bool = False,
+        force: bool = False,
     ) -> Calibration:
         """Calibrates the skin with measured presses, as `dermis calibrate`.
 
@@ -809,9 +810,11 @@ class Skin:
                 without their positions.
             method: `forward-map`, or the name of a method whose contacts are corrected; the better one without it.
             robot_frame: The positions are in a robot's frame, in which the pose of the skin is estimated. Flat skins only.
+            force: Go on with frames that do not fit their baseline, and with a calibration that is worse than none.
 
         Raises:
-            DermisError: Too few presses, positions off the skin.
+            DermisError: Too few presses, positions off the skin, frames that cannot be those of the skin, and without
+                `force` a calibration that is worse than none.
         """
 
     def calibration(self, folder: str | PathLike[str]) -> Calibration:

@@ -48,7 +48,7 @@ class CalibrationRegressor(RegressorMixin, BaseEstimator):
             y: Positions of the presses, (presses, 3), m.
         """
         X, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
-        self.calibration_ = Skin.load(self.design).calibrate(X, y, method="forward-map")
+        self.calibration_ = Skin.load(self.design).calibrate(X, y, method="forward-map", force=True)
         return self
 
     def predict(self, X: ArrayLike, return_std: bool = False) -> Any:

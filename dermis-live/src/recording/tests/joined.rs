@@ -100,7 +100,7 @@ fn bytes_between_and_after_recordings_are_reported() {
     assert_eq!((report.cut_bytes, report.was_whole, report.was_finished, report.frames), (4, false, false, FRAMES));
     let (folder, path) = in_file(&[whole.as_slice(), b"text", whole].concat());
     let converted = convert(&path, &folder.path().join("tables")).unwrap();
-    assert_eq!((converted.frames as u64, converted.left_out.len()), (2 * FRAMES, 1), "{:?}", converted.left_out);
+    assert_eq!((converted.frames as u64, converted.damaged), (2 * FRAMES, 1), "{:?}", converted.left_out);
 }
 
 /// A recording without chunks and checksums, with messages on topics whose numbers depend on `first`.
