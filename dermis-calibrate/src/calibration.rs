@@ -197,7 +197,7 @@ impl Calibration {
     /// # Errors
     /// Frames of another number of channels, values that are not finite.
     pub fn locate(&self, frames: &[Frame], first_number: usize) -> Result<Vec<Located>, CalibrateError> {
-        check_frames(frames, self.channel_count())?;
+        check_frames("frame", frames, self.channel_count())?;
         let values = self.realignment.apply(&in_units(frames, &self.units));
         let mut previous_m = None;
         let locate = |(index, values): (usize, &Vec<f64>)| {
@@ -211,7 +211,7 @@ impl Calibration {
 
 /// Refuses labels from which no map can be fitted.
 pub(crate) fn check(frames: &[Frame], protocol: &Protocol, labels: &[Label]) -> Result<(), CalibrateError> {
-    check_frames(frames, protocol.channel_count())?;
+    check_frames("frame", frames, protocol.channel_count())?;
     if let Some(label) = labels.iter().find(|label| label.position_m.iter().any(|value| !value.is_finite())) {
         let message = format!("the position of the label of frame {} is {:?}", label.row, label.position_m);
         return Err(CalibrateError::Label(format!("{message}: it must be finite")));
@@ -234,18 +234,16 @@ pub(crate) fn check(frames: &[Frame], protocol: &Protocol, labels: &[Label]) -> 
 }
 
 /// Refuses frames of another number of channels, and values that are not finite.
-fn check_frames(frames: &[Frame], expected: usize) -> Result<(), CalibrateError> {
-    if let Some(frame) = frames.iter().find(|frame| frame.len() != expected) {
-        return Err(CalibrateError::Channels { got: frame.len(), expected });
-    }
-    let not_finite = |frame: &Frame| frame.iter().position(|value| !value.is_finite());
-    match frames.iter().enumerate().find_map(|(row, frame)| Some((row, not_finite(frame)?))) {
-        None => Ok(()),
-        Some((row, channel)) => {
-            let message = format!("frame {row}, channel {channel} is {}: it must be finite", frames[row][channel]);
-            Err(CalibrateError::Label(message))
+pub(crate) fn check_frames(what: &str, frames: &[Frame], expected: usize) -> Result<(), CalibrateError> {
+    frames.iter().enumerate().try_for_each(|(row, frame)| {
+        if frame.len() != expected {
+            return Err(CalibrateError::Channels { got: frame.len(), expected });
         }
-    }
+        frame.iter().position(|value| !value.is_finite()).map_or(Ok(()), |channel| {
+            let message = format!("{what} {row}, channel {channel} is {}: it must be finite", frame[channel]);
+            Err(CalibrateError::Label(message))
+        })
+    })
 }
 
 /// Refuses labels off the skin.

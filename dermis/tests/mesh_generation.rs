@@ -2,7 +2,7 @@
 
 use dermis::design::{Body, Electrode, ElectrodeShape, MeshOptions, SkinDesign};
 use dermis::geom::Point3;
-use dermis::mesh::quality::MeshReport;
+use dermis::mesh::quality::{ElectrodeReport, MeshReport};
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use dermis::protocol::Protocol;
 use std::collections::BTreeSet;
@@ -41,14 +41,21 @@ fn generated(what: &str, design: &SkinDesign) -> (Mesh, MeshReport) {
         report.smallest_angle_rad.to_degrees(),
         report.shortest_edge_m * 1e3,
         report.longest_edge_m * 1e3,
-        report.electrode_ratios(),
+        electrode_ratios(&report),
     );
     assert!(report.longest_edge_m <= design.mesh.max_edge_m, "{what}: an edge of {} m", report.longest_edge_m);
     (mesh, report)
 }
 
+/// Lowest and highest ratio of an electrode's size to its designed one.
+fn electrode_ratios(report: &MeshReport) -> Option<[f64; 2]> {
+    let ratios: Vec<f64> = report.electrodes.iter().filter_map(ElectrodeReport::ratio).collect();
+    let least = ratios.iter().copied().reduce(f64::min)?;
+    Some([least, ratios.into_iter().fold(least, f64::max)])
+}
+
 fn assert_electrodes(what: &str, report: &MeshReport) {
-    let [low, high] = report.electrode_ratios().unwrap();
+    let [low, high] = electrode_ratios(report).unwrap();
     assert!(low > 0.99 && high < 1.01, "{what}: electrodes have {low} to {high} of their designed sizes");
 }
 

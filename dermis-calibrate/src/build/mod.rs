@@ -30,7 +30,7 @@ mod screen;
 
 pub use fault::{Cut, Fault};
 
-use crate::calibration::LabelFrame;
+use crate::calibration::{LabelFrame, check_frames};
 use crate::checks::{Recording, check_recording};
 use crate::error::CalibrateError;
 use cut::remaining;
@@ -393,14 +393,6 @@ fn is_unexplained(fit: &Fit, sound_misfit: f64) -> bool {
 
 /// The mean of some frames.
 fn mean_of(frames: &[Frame], channels: usize) -> Result<Frame, CalibrateError> {
-    for (row, frame) in frames.iter().enumerate() {
-        if frame.len() != channels {
-            return Err(CalibrateError::Channels { got: frame.len(), expected: channels });
-        }
-        if let Some(channel) = frame.iter().position(|value| !value.is_finite()) {
-            let message = format!("frame {row}, channel {channel} is {}: it must be finite", frame[channel]);
-            return Err(CalibrateError::Label(message));
-        }
-    }
+    check_frames("frame", frames, channels)?;
     mean(frames).ok_or_else(|| CalibrateError::Label("there is no untouched frame".into()))
 }

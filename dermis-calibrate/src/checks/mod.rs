@@ -34,7 +34,7 @@ mod time;
 mod truth;
 mod values;
 
-use crate::calibration::LabelFrame;
+use crate::calibration::{LabelFrame, check_frames};
 use crate::error::CalibrateError;
 use crate::lags::{LAGS, LagEvidence, lag_evidence};
 use crate::sequence::{Realignment, in_units};
@@ -176,15 +176,7 @@ fn validate(recording: &Recording<'_>, protocol: &Protocol) -> Result<(), Calibr
         return Err(CalibrateError::Label("the recording has no frame".into()));
     }
     for (what, frames) in [("frame", recording.frames), ("untouched frame", recording.untouched)] {
-        for (row, frame) in frames.iter().enumerate() {
-            if frame.len() != expected {
-                return Err(CalibrateError::Channels { got: frame.len(), expected });
-            }
-            if let Some(channel) = frame.iter().position(|value| !value.is_finite()) {
-                let message = format!("{what} {row}, channel {channel} is {}: it must be finite", frame[channel]);
-                return Err(CalibrateError::Label(message));
-            }
-        }
+        check_frames(what, frames, expected)?;
     }
     let (frames, positions) =
         (recording.frames.len(), recording.positions_m.map_or(recording.frames.len(), <[_]>::len));

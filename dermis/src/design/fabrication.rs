@@ -3,43 +3,48 @@
 use crate::design::{Body, SkinDesign};
 use crate::geom::vector::{Point3, distance, normalize, scale, sub};
 use crate::protocol::MultiplexerInput;
+#[cfg(feature = "schema")]
+use schemars::JsonSchema;
+use serde::Deserialize;
 
 /// Sizes of the parts that a workshop makes. Lengths in m.
 ///
 /// The paper prints the base, embeds the electrodes in it and leads the wires away underneath; it cuts fabric with a
 /// laser and glues neoprene foam on it. It states no sizes of these parts: the defaults are common ones.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
+#[serde(default, deny_unknown_fields)]
 pub struct FabricationOptions {
-    /// Thickness of the base below the coat.
+    /// Thickness of the base below the coat, m; default: 0.005.
     pub wall_m: f64,
-    /// Diameter of a bore.
+    /// Diameter of the bore below each electrode, m; default: 0.003.
     pub bore_m: f64,
-    /// Width of a wire channel in the inner face of the base.
+    /// Width of the wire channels in the inner face of the base, m; default: 0.003.
     pub channel_width_m: f64,
-    /// Depth of a wire channel; 0: none.
+    /// Depth of the wire channels, m; 0: none; default: 0.002.
     pub channel_depth_m: f64,
-    /// Length by which the base continues beyond the edges of the coat; 0: none.
+    /// Length by which the base continues beyond the edges of the coat, m; 0: none; default: 0.
     pub flange_m: f64,
-    /// Wanted pitch of the fabric patches.
+    /// Pitch of the fabric patches, m; on a body it is rounded so that a whole number of patches fits; default: 0.010.
     pub patch_pitch_m: f64,
-    /// Width of the gaps between patches.
+    /// Width of the gaps between patches, m; default: 0.001.
     pub patch_gap_m: f64,
-    /// Thickness of the foam.
+    /// Thickness of the foam, m; default: 0.002.
     pub foam_thickness_m: f64,
-    /// Width of a cut.
+    /// Width of the cut of the laser or knife, m; default: 0.0002.
     pub kerf_m: f64,
-    /// Angle at which the patterns of a cylinder are cut open, rad.
+    /// Angle at which the patterns of a cylinder are cut open, rad; default: 0.
     pub seam_theta_rad: f64,
-    /// Width by which foam and drill template pass beyond the seam of a cylinder.
+    /// Width by which the foam and the drill template pass beyond the seam of a cylinder, m; default: 0.
     pub overlap_m: f64,
-    /// Relative standard deviation of the sheet resistance that a coat reaches.
+    /// Relative standard deviation of the sheet resistance that a coat reaches; default: 0.2.
     pub sheet_spread: f64,
-    /// Relative standard deviation of the contact impedances, one from the other.
+    /// Relative standard deviation of the contact impedances, one from the other; default: 0.3.
     pub contact_spread: f64,
-    /// Multiplexers on each of the four lines (source, sink, plus, minus); `None`: as many as needed.
+    /// Multiplexers of 32 inputs on each of the four lines; default: as many as needed.
     pub multiplexers: Option<usize>,
-    /// The [place](MultiplexerInput::numbered) of each electrode on the multiplexers; `None`: the
-    /// [usual](MultiplexerInput::usual) one.
+    /// Place of each electrode on the multiplexers: 32 times the multiplexer, and its input; default: the electrode's
+    /// number, and one more from 31 on, where the reference resistor is.
     pub inputs: Option<Vec<usize>>,
 }
 

@@ -1,5 +1,6 @@
 //! The tables and keys of a design file (TOML), before they are checked.
 
+use crate::design::FabricationOptions;
 use crate::files::exactly;
 #[cfg(feature = "schema")]
 use schemars::{JsonSchema, Schema, SchemaGenerator};
@@ -79,7 +80,7 @@ pub(super) struct DesignFile {
     /// Resolution of the generated mesh; default: chosen from the sizes of the body and the electrodes.
     pub mesh: Option<At<MeshTable>>,
     /// What a workshop makes: base, fabric patches, foam; every key has a default.
-    pub fabrication: Option<At<FabricationTable>>,
+    pub fabrication: Option<At<FabricationOptions>>,
 }
 
 /// The body that the skin covers.
@@ -410,42 +411,4 @@ pub(super) struct MeshTable {
     pub growth: Option<At<f64>>,
     /// Whether forward models correct the error of the mesh at the ends of arcs.
     pub correct_arc_ends: Option<bool>,
-}
-
-/// What a workshop makes: the printed base under the coat, the fabric patches and the foam over it.
-#[derive(Debug, Default, Deserialize)]
-#[cfg_attr(feature = "schema", derive(JsonSchema))]
-#[serde(deny_unknown_fields)]
-pub(super) struct FabricationTable {
-    /// Thickness of the base below the coat, m; default: 0.005.
-    pub wall_m: Option<At<f64>>,
-    /// Diameter of the bore below each electrode, m; default: 0.003.
-    pub bore_m: Option<At<f64>>,
-    /// Width of the wire channels in the inner face of the base, m; default: 0.003.
-    pub channel_width_m: Option<At<f64>>,
-    /// Depth of the wire channels, m; 0: none; default: 0.002.
-    pub channel_depth_m: Option<At<f64>>,
-    /// Length by which the base continues beyond the edges of the coat, m; 0: none; default: 0.
-    pub flange_m: Option<At<f64>>,
-    /// Pitch of the fabric patches, m; on a body it is rounded so that a whole number of patches fits; default: 0.010.
-    pub patch_pitch_m: Option<At<f64>>,
-    /// Width of the gaps between patches, m; default: 0.001.
-    pub patch_gap_m: Option<At<f64>>,
-    /// Thickness of the foam, m; default: 0.002.
-    pub foam_thickness_m: Option<At<f64>>,
-    /// Width of the cut of the laser or knife, m; default: 0.0002.
-    pub kerf_m: Option<At<f64>>,
-    /// Angle at which the patterns of a cylinder are cut open, rad; default: 0.
-    pub seam_theta_rad: Option<At<f64>>,
-    /// Width by which the foam and the drill template pass beyond the seam of a cylinder, m; default: 0.
-    pub overlap_m: Option<At<f64>>,
-    /// Relative standard deviation of the sheet resistance that a coat reaches; default: 0.2.
-    pub sheet_spread: Option<At<f64>>,
-    /// Relative standard deviation of the contact impedances, one from the other; default: 0.3.
-    pub contact_spread: Option<At<f64>>,
-    /// Multiplexers of 32 inputs on each of the four lines; default: as many as needed.
-    pub multiplexers: Option<At<usize>>,
-    /// Place of each electrode on the multiplexers: 32 times the multiplexer, and its input; default: the electrode's
-    /// number, and one more from 31 on, where the reference resistor is.
-    pub inputs: Option<At<Vec<usize>>>,
 }

@@ -4,14 +4,14 @@ use crate::design::carried::{CarriedFiles, WrongLine};
 use crate::design::check::Problem;
 use crate::design::error::{DesignError, closest_name, explain_toml_error, value_of_named_key};
 use crate::design::file::{
-    At, BodyTable, DesignFile, ElectrodesTable, FabricationTable, ImageTable, LayoutTable, MeasuresStart, MeshTable,
-    OneOrEach, PatternTable, ProtocolTable, ShapeTable, SheetTable, TouchName,
+    At, BodyTable, DesignFile, ElectrodesTable, ImageTable, LayoutTable, MeasuresStart, MeshTable, OneOrEach,
+    PatternTable, ProtocolTable, ShapeTable, SheetTable, TouchName,
 };
 use crate::design::layout::{self, Ground};
 use crate::design::outline::Outline;
 use crate::design::{
-    Body, Electrode, ElectrodeShape, FabricationOptions, ImageLayout, MeshFile, MeshOptions, Region, RegionPlace,
-    Sheet, SheetKind, SkinDesign, TouchEffect, shipped,
+    Body, Electrode, ElectrodeShape, ImageLayout, MeshFile, MeshOptions, Region, RegionPlace, Sheet, SheetKind,
+    SkinDesign, TouchEffect, shipped,
 };
 use crate::design::{check, check_fabrication};
 use crate::files::{read_at_most, read_text_at_most};
@@ -127,7 +127,7 @@ fn read_with(text: &str, name: &str, files: &CarriedFiles) -> Result<(DesignFile
 }
 
 /// The byte range of a place in the file.
-fn locate(file: &DesignFile, place: Place) -> Range<usize> {
+fn locate(text: &str, file: &DesignFile, place: Place) -> Range<usize> {
     let electrodes = &file.electrodes.value;
     match place {
         Place::Body => file.body.span.clone(),
@@ -150,8 +150,7 @@ fn locate(file: &DesignFile, place: Place) -> Range<usize> {
         Place::Image => file.image.as_ref().map_or(file.body.span.clone(), |image| image.span.clone()),
         Place::Mesh => file.mesh.as_ref().map_or(file.body.span.clone(), |mesh| mesh.span.clone()),
         Place::Fabrication(key) => file.fabrication.as_ref().map_or(file.body.span.clone(), |table| {
-            let of_key = fabrication_keys(&table.value).into_iter().find(|(name, _)| Some(*name) == key);
-            of_key.and_then(|(_, span)| span).unwrap_or(table.span.clone())
+            key.and_then(|key| key_span(text, table.span.start, key)).unwrap_or(table.span.clone())
         }),
     }
 }
@@ -188,7 +187,7 @@ impl Source<'_> {
 
     /// What a check found, with its place in the file.
     fn accept(&self, file: &DesignFile, checked: Result<(), Problem>) -> Result<(), DesignError> {
-        checked.map_err(|problem| self.fail(Some(locate(file, problem.place)), problem.message, problem.fix))
+        checked.map_err(|problem| self.fail(Some(locate(self.text, file, problem.place)), problem.message, problem.fix))
     }
 
     /// A file named in the design, relative to the folder of the design.
@@ -213,7 +212,7 @@ impl Source<'_> {
             sheet: self.sheet(&file.sheet)?,
             protocol: self.protocol(&file.protocol.value, electrodes.len())?,
             mesh: mesh_options(&body, &electrodes, file.mesh.as_ref().map(|mesh| &mesh.value)),
-            fabrication: file.fabrication.as_ref().map(|table| fabrication_options(&table.value)),
+            fabrication: file.fabrication.as_ref().map(|table| table.value.clone()),
             body,
             electrodes,
             image,
@@ -444,50 +443,15 @@ fn mesh_options(body: &Body, electrodes: &[Electrode], table: Option<&MeshTable>
     }
 }
 
-/// The keys of the table `[fabrication]`.
-fn fabrication_keys(table: &FabricationTable) -> [(&'static str, Option<Range<usize>>); 15] {
-    fn span<T>(at: &Option<At<T>>) -> Option<Range<usize>> {
-        at.as_ref().map(|at| at.span.clone())
-    }
-    [
-        ("wall_m", span(&table.wall_m)),
-        ("bore_m", span(&table.bore_m)),
-        ("channel_width_m", span(&table.channel_width_m)),
-        ("channel_depth_m", span(&table.channel_depth_m)),
-        ("flange_m", span(&table.flange_m)),
-        ("patch_pitch_m", span(&table.patch_pitch_m)),
-        ("patch_gap_m", span(&table.patch_gap_m)),
-        ("foam_thickness_m", span(&table.foam_thickness_m)),
-        ("kerf_m", span(&table.kerf_m)),
-        ("seam_theta_rad", span(&table.seam_theta_rad)),
-        ("overlap_m", span(&table.overlap_m)),
-        ("sheet_spread", span(&table.sheet_spread)),
-        ("contact_spread", span(&table.contact_spread)),
-        ("multiplexers", span(&table.multiplexers)),
-        ("inputs", span(&table.inputs)),
-    ]
-}
-
-fn fabrication_options(table: &FabricationTable) -> FabricationOptions {
-    let usual = FabricationOptions::default();
-    let or = |given: &Option<At<f64>>, usual: f64| given.as_ref().map_or(usual, |at| at.value);
-    FabricationOptions {
-        wall_m: or(&table.wall_m, usual.wall_m),
-        bore_m: or(&table.bore_m, usual.bore_m),
-        channel_width_m: or(&table.channel_width_m, usual.channel_width_m),
-        channel_depth_m: or(&table.channel_depth_m, usual.channel_depth_m),
-        flange_m: or(&table.flange_m, usual.flange_m),
-        patch_pitch_m: or(&table.patch_pitch_m, usual.patch_pitch_m),
-        patch_gap_m: or(&table.patch_gap_m, usual.patch_gap_m),
-        foam_thickness_m: or(&table.foam_thickness_m, usual.foam_thickness_m),
-        kerf_m: or(&table.kerf_m, usual.kerf_m),
-        seam_theta_rad: or(&table.seam_theta_rad, usual.seam_theta_rad),
-        overlap_m: or(&table.overlap_m, usual.overlap_m),
-        sheet_spread: or(&table.sheet_spread, usual.sheet_spread),
-        contact_spread: or(&table.contact_spread, usual.contact_spread),
-        multiplexers: table.multiplexers.as_ref().map(|at| at.value),
-        inputs: table.inputs.as_ref().map(|at| at.value.clone()),
-    }
+/// Where a key is given after a place in the text.
+fn key_span(text: &str, from: usize, key: &str) -> Option<Range<usize>> {
+    let text = &text[from..];
+    let is_key = |at: usize| {
+        text[..at].trim_end_matches([' ', '\t']).ends_with(['\n', '{', ','])
+            && text[at + key.len()..].trim_start().starts_with('=')
+    };
+    let at = text.match_indices(key).map(|(at, _)| at).find(|&at| is_key(at))?;
+    Some(from + at..from + at + key.len())
 }
 
 /// A fiftieth of the side of a square with the body's area: 6 mm on the paper's skin.

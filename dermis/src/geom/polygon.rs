@@ -40,14 +40,7 @@ fn clip_half_plane_into(corners: &[Point2], normal: Point2, offset: f64, kept: &
     }
 }
 
-/// The part of a convex polygon inside an axis-aligned box.
-pub fn clip_box(corners: &[Point2], low: Point2, high: Point2) -> Vec<Point2> {
-    let mut memory = [Vec::new(), Vec::new()];
-    clip_box_in(corners, low, high, &mut memory);
-    std::mem::take(&mut memory[0])
-}
-
-/// [`clip_box`] in the caller's memory: the result is in the first list.
+/// The part of a convex polygon inside an axis-aligned box, in the caller's memory: the result is in the first list.
 pub fn clip_box_in(corners: &[Point2], low: Point2, high: Point2, [kept, other]: &mut [Vec<Point2>; 2]) {
     kept.clear();
     kept.extend_from_slice(corners);
@@ -68,8 +61,10 @@ mod tests {
     #[test]
     fn a_square_clipped_by_a_box_keeps_the_overlap() {
         let square = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]];
-        let overlap = clip_box(&square, [1.0, -1.0], [3.0, 0.5]);
-        assert!((signed_area(&overlap) - 0.5).abs() < 1e-15);
-        assert!(clip_box(&square, [3.0, 3.0], [4.0, 4.0]).is_empty());
+        let mut memory = [Vec::new(), Vec::new()];
+        clip_box_in(&square, [1.0, -1.0], [3.0, 0.5], &mut memory);
+        assert!((signed_area(&memory[0]) - 0.5).abs() < 1e-15);
+        clip_box_in(&square, [3.0, 3.0], [4.0, 4.0], &mut memory);
+        assert!(memory[0].is_empty());
     }
 }

@@ -104,15 +104,6 @@ impl MeshReport {
         let arcs = self.electrodes.iter().enumerate().filter_map(|(index, electrode)| Some((index, electrode.ends?)));
         arcs.max_by(|(_, a), (_, b)| a.voltage_error.total_cmp(&b.voltage_error))
     }
-
-    /// Lowest and highest ratio of an electrode's size to its designed one; `None` if the design defines no sizes.
-    pub fn electrode_ratios(&self) -> Option<[f64; 2]> {
-        let ratios = self.electrodes.iter().filter_map(ElectrodeReport::ratio);
-        ratios.fold(None, |range, ratio| {
-            let [low, high] = range.unwrap_or([ratio; 2]);
-            Some([f64::min(low, ratio), f64::max(high, ratio)])
-        })
-    }
 }
 
 /// The edges at the ends of an arc and the error they cause; `None` for other electrodes.
