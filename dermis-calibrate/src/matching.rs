@@ -24,6 +24,12 @@ pub(crate) fn evidence(estimates_m: &[Point3], labels_m: &[Point3], folds: &[Ran
     (evidence(labels_m) >= MIN_EVIDENCE).then(|| evidence(estimates_m))
 }
 
+/// By how many standard deviations rows differ less from their own columns than from those in a random order.
+pub(crate) fn evidence_of(apart: &Mat<f64>) -> f64 {
+    let (gain, variance) = gain_of(apart);
+    if variance > 0.0 { gain / variance.sqrt() } else { 0.0 }
+}
+
 fn of_places(estimates_m: &[Point3], labels_m: &[Point3], folds: &[Range<usize>]) -> f64 {
     let of_fold = |fold: &Range<usize>| gain(&estimates_m[fold.clone()], &labels_m[fold.clone()]);
     let (gain, variance) = folds.iter().map(of_fold).fold((0.0, 0.0), |sum, fold| (sum.0 + fold.0, sum.1 + fold.1));
@@ -33,10 +39,15 @@ fn of_places(estimates_m: &[Point3], labels_m: &[Point3], folds: &[Range<usize>]
 /// The sum of distances of a mean order less that of the given one, and the variance of the sum over all orders.
 fn gain(estimates_m: &[Point3], labels_m: &[Point3]) -> (f64, f64) {
     let count = labels_m.len();
+    gain_of(&Mat::from_fn(count, count, |row, column| distance(estimates_m[row], labels_m[column])))
+}
+
+/// The same of the differences of all rows from all columns.
+fn gain_of(apart: &Mat<f64>) -> (f64, f64) {
+    let count = apart.nrows();
     if count < 2 {
         return (0.0, 0.0);
     }
-    let apart = Mat::from_fn(count, count, |row, column| distance(estimates_m[row], labels_m[column]));
     let of_rows: Vec<f64> = apart.row_iter().map(|row| row.sum() / count as f64).collect();
     let of_columns: Vec<f64> = apart.col_iter().map(|column| column.sum() / count as f64).collect();
     let whole = mean(&of_rows);

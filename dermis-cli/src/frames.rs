@@ -14,8 +14,7 @@ use dermis::plausibility::Plausibility;
 use dermis::protocol::Protocol;
 use dermis::reconstruct::ReconstructError;
 use dermis::skin::Skin;
-use dermis::stats::upper_median;
-use dermis::text::{counted, ranges};
+use dermis::text::counted;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -151,8 +150,14 @@ impl FrameArguments {
         if !self.paired {
             warn_if_unlike(&check, untouched);
         }
-        self.report(self.baseline.as_deref().unwrap_or(&self.frames), check.of_baseline(&baseline), needs_model)?;
-        self.report(&self.frames, in_file(check.of_frames(frames, &baseline), used), true)
+        let of_baseline = check.of_baseline(&baseline).or_else(|| check.of_size(&baseline).filter(|_| needs_model));
+        self.report(self.baseline.as_deref().unwrap_or(&self.frames), of_baseline, needs_model)?;
+        let unlike = check.of_frames(frames, &baseline);
+        let unlike = match unlike {
+            None => check.of_common_change(frames, Some(&baseline), skin)?,
+            unlike => unlike,
+        };
+        self.report(&self.frames, in_file(unlike, used), true)
     }
 
     /// An error of a finding that is certain, a warning of any other.
@@ -265,16 +270,9 @@ pub fn of_each<T: Send>(
     Ok(differences.par_iter().map(step).collect::<Result<Vec<T>, _>>()?)
 }
 
-/// Warns of untouched frames that are not like the others: their mean is that of neither.
+/// Warns of untouched frames that are not like the others.
 pub fn warn_if_unlike(check: &Plausibility<'_>, untouched: &[Frame]) {
-    let channels = untouched.first().map_or(0, |frame| frame.len());
-    let usual = |channel: usize| {
-        let finite = untouched.iter().map(|frame| frame[channel]).filter(|value| value.is_finite());
-        upper_median(&finite.collect::<Vec<f64>>()).unwrap_or(f64::NAN)
-    };
-    let usual = Frame((0..channels).map(usual).collect());
-    if let Some(found) = check.of_frames(untouched, &usual).filter(|found| !found.rows.is_empty()) {
-        let text = "the untouched frames are not alike: those of the rows {} are unlike the others; leave them out";
-        warn(&text.replace("{}", &ranges(&found.rows)));
+    if let Some(Finding { evidence, fix, .. }) = check.of_untouched(untouched) {
+        warn(&format!("{evidence}; {fix}"));
     }
 }

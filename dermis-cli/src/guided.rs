@@ -13,7 +13,8 @@ use dermis::method::MethodSet;
 use dermis::pipeline::{Settings, Severity, Timestamp};
 use dermis::skin::Skin;
 use dermis::text::counted;
-use dermis_calibrate::{CalibrateError, Correction, Fitted, MIN_LABELS, Places, Quality, Session};
+use dermis_calibrate::checks::check_labels;
+use dermis_calibrate::{CalibrateError, Correction, Fitted, LabelFrame, MIN_LABELS, Places, Quality, Session};
 use dermis_emulate::emulator::Emulator;
 use dermis_live::device::DeviceOptions;
 use dermis_live::guide::{Guide, GuideAction, GuideStep, PressCollector, PressEvent};
@@ -401,6 +402,14 @@ impl Guided {
     fn show(&self, folder: &Path, as_json: bool) -> Outcome {
         let quality = self.quality.filter(|(revision, _)| *revision == self.revision).map(|(_, quality)| quality);
         let correction = self.save_better_correction(folder, quality.as_ref())?;
+        let (frames, labels) = self.session.presses();
+        let doubts = match labels.len() < MIN_LABELS {
+            true => Vec::new(),
+            false => check_labels(self.session.skin(), frames, &labels, LabelFrame::Skin)?,
+        };
+        for doubt in doubts {
+            warn(&format!("{}: {} = {}; {}", doubt.title(), doubt.evidence, doubt.value_text(), doubt.fix));
+        }
         if as_json {
             let method = correction.as_ref().map_or(Fitted::FORWARD_MAP, Correction::method);
             let quality = correction.as_ref().map_or_else(|| json!(quality), |correction| json!(correction.quality()));

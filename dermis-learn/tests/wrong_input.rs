@@ -46,7 +46,7 @@ fn frames(skin: &Skin, twin: &str, seed: u64) -> [Vec<Frame>; 2] {
 
 fn judge(skin: &Skin, touched: Vec<Frame>, untouched: Vec<Frame>) -> Vec<Finding> {
     let rest = skin.forward().solve(skin.forward().rest_conductivity()).unwrap();
-    Plausibility::new(&skin.design().protocol, &rest, &[]).of(&Differences::new(touched, untouched))
+    Plausibility::new(&skin.design().protocol, &rest, &[]).of(&Differences::new(touched, untouched), skin).unwrap()
 }
 
 /// Changes of touched and untouched frames.
@@ -89,6 +89,10 @@ fn wrong() -> Vec<(&'static str, bool, Vec<FindingKind>, Change)> {
         ("frames in milliohm", false, vec![Magnitude], |_, a, _| all(a, |v| 1e3 * v)),
         ("frames in kiloohm", false, vec![Magnitude], |_, a, _| all(a, |v| 1e-3 * v)),
         ("frames of ten times the gain", false, vec![Magnitude], |_, a, _| all(a, |v| 10.0 * v)),
+        ("all in milliohm", false, vec![Magnitude], |_, a, b| {
+            all(a, |v| 1e3 * v);
+            all(b, |v| 1e3 * v);
+        }),
         ("frames of zeros", false, vec![Dead], |_, a, _| all(a, |_| 0.0)),
         ("all zeros", false, vec![Dead], |_, a, b| {
             all(a, |_| 0.0);
@@ -118,6 +122,7 @@ fn campaign(seeds: u64) {
     let skins = skins();
     let (mut sound, mut warned) = (0, 0);
     let (mut faulty, mut silent, mut misnamed) = (0, 0, 0);
+    let (mut foreign, mut unseen) = (0, 0);
     let mut shown: BTreeMap<String, u64> = BTreeMap::new();
     for (name, skin) in &skins {
         let has_signs = !skin.design().protocol.amplitude_only();
@@ -129,6 +134,20 @@ fn campaign(seeds: u64) {
             if !found.is_empty() {
                 warned += 1;
                 println!("{name}, {twin} {seed}: {}", found[0].evidence);
+            }
+            // What agrees with the model and with each other, but does not belong together.
+            let [_, other] = frames(skin, twin, 29_001 + seed);
+            for (what, a, b) in [
+                ("untouched frames of another skin", &touched, &other),
+                ("untouched frames of another skin, no touch", &untouched, &other),
+                ("frames and baseline exchanged", &untouched, &touched),
+            ] {
+                let found = judge(skin, a.clone(), b.clone());
+                foreign += 1;
+                if !found.iter().any(|found| found.kind == FindingKind::UnlikeBaseline) {
+                    unseen += 1;
+                    *shown.entry(format!("{name}: {what}")).or_default() += 1;
+                }
             }
             let mut order: Vec<usize> = (0..untouched[0].len()).collect();
             order.shuffle(&mut sample_rng(91, seed));
@@ -154,7 +173,9 @@ fn campaign(seeds: u64) {
     println!(
         "{warned} of {sound} sound pairs are warned of; of {faulty} wrong ones {silent} are not and {misnamed} get another name"
     );
+    println!("{unseen} of {foreign} pairs that do not belong together are not warned of");
     assert_eq!(warned, 0);
+    assert!(5 * unseen <= foreign);
     assert!(50 * silent <= faulty && 10 * (silent + misnamed) <= faulty);
 }
 

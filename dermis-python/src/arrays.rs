@@ -99,6 +99,12 @@ fn contiguous<'py>(value: &Bound<'py, PyAny>, argument: &str) -> Outcome<Bound<'
     if value.is_none() || !"biufO".contains(kind) {
         return Err(refused(&dtype));
     }
+    if value.hasattr("mask")? && numpy.getattr("ma")?.call_method1("is_masked", (value,))?.is_truthy()? {
+        return Err(Failure::with_hint(
+            format!("`{argument}` has masked values"),
+            "leave their rows out, or fill them with NaN",
+        ));
+    }
     let options = PyDict::new(py);
     options.set_item("dtype", "float64")?;
     // Contiguous and aligned.

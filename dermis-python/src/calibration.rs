@@ -7,6 +7,7 @@ use crate::skin::Skin;
 use crate::worker;
 use dermis::frame::Differences;
 use dermis::method::MethodOptions;
+use dermis_calibrate::checks::check_labels;
 use dermis_calibrate::{Alternatives, CalibrateError, Fitted, Label, LabelFrame, Located};
 use numpy::PyArray1;
 use pyo3::prelude::*;
@@ -57,9 +58,14 @@ impl Calibration {
     ) -> Outcome<Self> {
         let labels = presses.labels()?;
         let frame = if presses.in_robot_frame { LabelFrame::Robot } else { LabelFrame::Skin };
-        let (fitted, alternatives) = worker::run(py, "calibrating", 1, |_| {
-            Ok(Fitted::fit(&dermis_learn::methods(), skin.skin(), differences, &labels, frame, method)?)
+        let (fitted, alternatives, doubts) = worker::run(py, "calibrating", 1, |_| {
+            let (fitted, alternatives) =
+                Fitted::fit(&dermis_learn::methods(), skin.skin(), differences, &labels, frame, method)?;
+            Ok((fitted, alternatives, check_labels(skin.skin(), &differences.frames, &labels, frame)?))
         })?;
+        for found in doubts {
+            doubt(py, &format!("{}: {} = {}", found.title(), found.evidence, found.value_text()), &found.fix, false)?;
+        }
         if let Some(reason) = alternatives.reason(&fitted) {
             doubt(py, &reason, Alternatives::FIX, !force)?;
         }

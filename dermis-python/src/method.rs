@@ -70,7 +70,7 @@ pub fn differences(
     let (differences, is_single) = arrays::differences(frames, baseline, protocol.channel_count())?;
     let model = skin.untouched().map_err(Failure::given)?;
     let broken = broken_channels(&differences.untouched);
-    for found in Plausibility::new(protocol, model, &broken).of(&differences) {
+    for found in Plausibility::new(protocol, model, &broken).of(&differences, skin).map_err(Failure::given)? {
         let Finding { evidence, fix, .. } = &found;
         doubt(py, evidence, fix, found.is_fault() && !force)?;
     }

@@ -18,7 +18,7 @@ use dermis_emulate::emulator::{Emulator, EmulatorOptions, Script};
 use dermis_live::device::Address;
 use dermis_live::recording::{self, Player, Replayed};
 use dermis_live::runtime::{Event, LiveOptions, Mailbox, Popped};
-use dermis_live::{LiveError, LiveFrame};
+use dermis_live::{LiveError, LiveFrame, clock};
 use dermis_sim::twin::TwinOptions;
 use numpy::PyArray1;
 use pyo3::prelude::*;
@@ -209,6 +209,8 @@ pub struct Live {
     source: String,
     threads: Threads,
     mailbox: Arc<Mailbox<Event>>,
+    /// Whether frames that have waited for the caller are given too.
+    keeps_all: bool,
     notices: Notices,
 }
 
@@ -274,7 +276,7 @@ const MAX_NOTICES: usize = 1000;
 impl Live {
     #[new]
     #[pyo3(signature = (skin, source="emulate", method=None, *, threshold=1.0, both_signs=false, twin="lab", seed=1,
-        touch="none", speed=1.0))]
+        touch="none", speed=1.0, all_frames=false))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
     fn new(
         py: Python<'_>,
@@ -287,6 +289,7 @@ impl Live {
         seed: u64,
         touch: &str,
         speed: f64,
+        all_frames: bool,
     ) -> Outcome<Self> {
         let method = method_name(py, method)?;
         let methods = methods(py, skin.get(), method.as_deref())?;
@@ -318,7 +321,8 @@ impl Live {
             live.begin();
             mailbox
         };
-        Ok(Live { skin, source: source.into(), threads, mailbox, notices: Notices::default() })
+        let keeps_all = all_frames || source.starts_with("replay:");
+        Ok(Live { skin, source: source.into(), threads, mailbox, keeps_all, notices: Notices::default() })
     }
 
     fn __iter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
@@ -333,7 +337,12 @@ impl Live {
             py.check_signals()?;
             match py.detach(|| self.mailbox.take(LOOK)) {
                 Popped::Item(Event::Frame(frame) | Event::Stale(frame)) => {
-                    let LiveFrame { result, .. } = &*frame;
+                    let LiveFrame { result, output_at, .. } = &*frame;
+                    // Of frames that have waited for the caller only the newest is of now.
+                    let waited_s = clock::now().seconds_since(*output_at);
+                    if !self.keeps_all && waited_s > LOOK.as_secs_f64() && !self.mailbox.is_empty() {
+                        continue;
+                    }
                     return Ok(Some(Frame { skin: self.skin.clone(), frame: result.clone() }));
                 }
                 Popped::Item(Event::Notice(Notice { text, .. })) => self.notices.add(text),

@@ -63,6 +63,8 @@ pub enum FindingKind {
     TruthShifted,
     /// The axes of the positions of the presses are reversed or exchanged.
     TruthAxes,
+    /// The positions of the presses do not belong to the frames in any simple way.
+    TruthUnrelated,
     /// The values change slowly over the recording.
     Drift,
     /// Part of a frame is what the press before left.

@@ -23,10 +23,13 @@
 //! ```
 
 use crate::finding::{Finding, FindingKind, Severity};
+use crate::forward::Matrix;
 use crate::frame::{Differences, Frame, mean};
 use crate::linalg::dot;
 use crate::protocol::Protocol;
+use crate::skin::Skin;
 use crate::stats::upper_median;
+use crate::text::ranges;
 
 /// Frames that agree less than this with what they are compared with may be wrong. Untouched frames of real tanks and skins
 /// agree with an even model by 0.9 and more, touched ones with their baseline by 0.95 and more.
@@ -49,6 +52,14 @@ const RATIOS: [[f64; 2]; 2] = [[0.5, 2.0], [0.2, 5.0]];
 const COMMON: [f64; 2] = [0.5, 0.9];
 const MIN_ERROR: f64 = 0.02;
 const MIN_ROWS: usize = 5;
+/// With another baseline: the part of a frame beyond which a change that is the same in all frames is looked at, and how much of it
+/// so many touches must explain. Of the twins' single presses four explain 0.73 and more, of the difference of two skins 0.07 to 0.65.
+const MIN_CHANGE: f64 = 1e-3;
+const TOUCHES: usize = 4;
+const MIN_EXPLAINED: f64 = 0.67;
+/// Largest size of an untouched frame over that of the model, and of that over it: sheet resistances differ from their designs by
+/// less, units by more.
+const LARGEST_SCALE: f64 = 30.0;
 /// Values are limited to this many times their median size.
 const LARGEST: f64 = 5.0;
 /// Fewer channels than this without a driven electrode tell nothing; all channels are compared then.
@@ -81,12 +92,21 @@ impl<'a> Plausibility<'a> {
     }
 
     /// What is wrong with frames and their baseline, or with differences from an unknown one.
-    pub fn of(&self, differences: &Differences) -> Vec<Finding> {
-        let Differences { frames, baseline, .. } = differences;
-        let Some(baseline) = baseline else { return self.of_differences(frames).into_iter().collect() };
-        let whole = |difference: &Frame| Frame(difference.iter().zip(baseline.iter()).map(|(a, b)| a + b).collect());
-        let frames: Vec<Frame> = frames.iter().map(whole).collect();
-        self.of_baseline(baseline).into_iter().chain(self.of_frames(&frames, baseline)).collect()
+    ///
+    /// # Errors
+    /// As [`of_common_change`](Self::of_common_change).
+    pub fn of(&self, differences: &Differences, skin: &Skin) -> crate::Result<Vec<Finding>> {
+        let Differences { frames, untouched, baseline } = differences;
+        let Some(baseline) = baseline else { return Ok(self.of_differences(frames).into_iter().collect()) };
+        let add = |difference: &Frame| Frame(difference.iter().zip(baseline.iter()).map(|(a, b)| a + b).collect());
+        let [frames, untouched] = [frames, untouched].map(|frames| frames.iter().map(add).collect::<Vec<Frame>>());
+        let untouched = self.of_untouched(&untouched).into_iter();
+        let untouched = untouched.chain(self.of_baseline(baseline).or_else(|| self.of_size(baseline)));
+        let frames = match self.of_frames(&frames, baseline) {
+            None => self.of_common_change(&frames, Some(baseline), skin)?,
+            found => found,
+        };
+        Ok(untouched.chain(frames).collect())
     }
 
     /// What is wrong with an untouched frame, ohm: it agrees with the model of the design in no unit. A finding of
@@ -175,15 +195,110 @@ impl<'a> Plausibility<'a> {
         Some(Finding::new(FindingKind::UnlikeBaseline, whole as f64 / differences.len() as f64, evidence, fix))
     }
 
+    /// What is doubtful about the size of an untouched frame that agrees with the model: no coat is so far from its design, so that
+    /// the values are not in ohm, and strengths and forces mean nothing.
+    pub fn of_size(&self, baseline: &Frame) -> Option<Finding> {
+        let ratio = self.ratio(baseline, &self.model);
+        if !(ratio.is_finite() && ratio > 0.0) || (1.0 / LARGEST_SCALE..=LARGEST_SCALE).contains(&ratio) {
+            return None;
+        }
+        let evidence = format!("the untouched frame is {ratio:.1e} times as large as that of the model of the design");
+        let fix = "give values in ohm, and currents in ampere: strengths and forces depend on it";
+        Some(with_severity(Finding::new(FindingKind::Magnitude, ratio, evidence, fix), false))
+    }
+
+    /// What is wrong with untouched frames, ohm: some are not like the others, and their mean is that of neither.
+    pub fn of_untouched(&self, untouched: &[Frame]) -> Option<Finding> {
+        let usual = |channel: usize| {
+            let finite = untouched.iter().map(|frame| frame[channel]).filter(|value| value.is_finite());
+            upper_median(&finite.collect::<Vec<f64>>()).unwrap_or(f64::NAN)
+        };
+        let usual = Frame((0..self.model.len()).map(usual).collect());
+        let found = self.of_frames(untouched, &usual).filter(|found| !found.rows.is_empty())?;
+        let rows = ranges(&found.rows);
+        let evidence = format!("the untouched frames are not alike: those of the rows {rows} are unlike the others");
+        Some(with_severity(Finding { evidence, fix: "leave them out".into(), ..found }, false))
+    }
+
+    /// The change from a baseline that all frames have in common, the part of all change that it is, and its size over that of the
+    /// baseline; `None` for too few. Without a baseline the frames are changes, and the model's frame stands for it.
+    fn common_change(&self, frames: &[Frame], baseline: Option<&Frame>) -> Option<(Frame, f64, f64)> {
+        let rest = |channel: usize| baseline.map_or(0.0, |baseline| baseline[channel]);
+        let change = |frame: &Frame| Frame((0..frame.len()).map(|channel| frame[channel] - rest(channel)).collect());
+        let common = change(&mean(frames).filter(|_| frames.len() >= MIN_ROWS)?);
+        let square = |frame: &Frame| self.used.iter().map(|&channel| frame[channel].powi(2)).sum::<f64>();
+        let all = frames.iter().map(|frame| square(&change(frame))).sum::<f64>() / frames.len() as f64;
+        let whole = square(baseline.unwrap_or(&self.model));
+        let (share, part) = (square(&common) / all, (square(&common) / whole).sqrt());
+        (share.is_finite() && part.is_finite()).then_some((common, share, part))
+    }
+
+    /// What is wrong with frames and their baseline, ohm: the change is the same in all of them, and no touch explains it, as where
+    /// the baseline is of another skin or day, or exchanged with the frames. Without a baseline the frames are changes.
+    ///
+    /// # Errors
+    /// A skin whose linear model cannot be computed.
+    pub fn of_common_change(
+        &self,
+        frames: &[Frame],
+        baseline: Option<&Frame>,
+        skin: &Skin,
+    ) -> crate::Result<Option<Finding>> {
+        let Some((common, share, part)) = self.common_change(frames, baseline) else { return Ok(None) };
+        if share < COMMON[1] || part < MIN_CHANGE {
+            return Ok(None);
+        }
+        let (jacobian, sign) = (&skin.linearised()?.jacobian, skin.design().sheet.touch.sign());
+        let [explained, turned] = [sign, -sign].map(|sign| self.explained(&common, jacobian, sign));
+        if explained >= MIN_EXPLAINED {
+            return Ok(None);
+        }
+        let evidence = format!(
+            "all frames differ from the untouched one by the same {:.1} %, of which touches explain {:.0} %",
+            100.0 * part,
+            100.0 * explained
+        );
+        let fix = match turned >= MIN_EXPLAINED {
+            true => "the frames and the untouched ones are probably exchanged",
+            false => {
+                "give untouched frames of the same skin, taken just before; check that they and the frames are not exchanged"
+            }
+        };
+        Ok(Some(with_severity(Finding::new(FindingKind::UnlikeBaseline, explained, evidence, fix), false)))
+    }
+
+    /// The part of a change that some small touches explain: matching pursuit (Mallat and Zhang 1993, DOI 10.1109/78.258082) with
+    /// the changes that single pixels make, of one sign.
+    fn explained(&self, change: &Frame, jacobian: &Matrix, sign: f64) -> f64 {
+        let mut left = vec![0.0; change.len()];
+        self.used.iter().for_each(|&channel| left[channel] = change[channel]);
+        let square = |values: &[f64]| dot(values, values);
+        let (all, mut norms) = (square(&left), vec![0.0; jacobian.columns]);
+        for &channel in &self.used {
+            norms.iter_mut().zip(jacobian.row(channel)).for_each(|(norm, value)| *norm += value * value);
+        }
+        for _ in 0..TOUCHES {
+            let mut products = vec![0.0; jacobian.columns];
+            for &channel in &self.used {
+                let value = sign * left[channel];
+                products.iter_mut().zip(jacobian.row(channel)).for_each(|(sum, change)| *sum += value * change);
+            }
+            let gain = |pixel: usize| if norms[pixel] > 0.0 { products[pixel] / norms[pixel].sqrt() } else { 0.0 };
+            let Some(best) = (0..products.len()).max_by(|&a, &b| gain(a).total_cmp(&gain(b))) else { break };
+            if gain(best) <= 0.0 {
+                break;
+            }
+            let size = sign * products[best] / norms[best];
+            self.used.iter().for_each(|&channel| left[channel] -= size * jacobian.at(channel, best));
+        }
+        1.0 - square(&left) / all
+    }
+
     /// What is wrong with frames less the untouched frame of the model, ohm: most of their change is the same in all of them, so
     /// that it is the model's error and no touch.
     pub fn of_model_differences(&self, differences: &[Frame]) -> Option<Finding> {
-        let common = mean(differences).filter(|_| differences.len() >= MIN_ROWS)?;
-        let square = |frame: &Frame| self.used.iter().map(|&channel| frame[channel].powi(2)).sum::<f64>();
-        let all = differences.iter().map(square).sum::<f64>() / differences.len() as f64;
-        let share = square(&common) / all;
-        let part = (square(&common) / square(&self.model)).sqrt();
-        if share.is_nan() || share < COMMON[0] || part < MIN_ERROR {
+        let (_, share, part) = self.common_change(differences, None)?;
+        if share < COMMON[0] || part < MIN_ERROR {
             return None;
         }
         let evidence = format!(

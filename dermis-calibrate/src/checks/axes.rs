@@ -1,8 +1,10 @@
 //! Positions of presses on the skin whose axes are reversed or exchanged.
 
-use crate::checks::correlation::{cosine, standardised};
+use crate::checks::correlation::{cosine, standardised, unit_rows};
 use crate::checks::model::{ModelChannels, compressed};
+use crate::checks::truth::{SHIFTS, shifted_by};
 use crate::forward_map::spread_over;
+use crate::matching::{MIN_EVIDENCE, evidence_of};
 use dermis::design::Body;
 use dermis::finding::{Finding, FindingKind};
 use dermis::geom::vector::distance;
@@ -107,9 +109,25 @@ pub(crate) struct Labelled<'a> {
     pub channels: &'a [usize],
 }
 
-/// Other axes of the positions, with which the frames fit the model clearly better.
-pub(crate) fn other_axes(labelled: &Labelled<'_>, model: &ModelChannels, body: &Body) -> Option<Finding> {
-    let coordinates = Coordinates::of(body)?;
+/// The presses of a recording and those of the model at the places that are stated.
+struct Compared<'a> {
+    model: &'a ModelChannels,
+    channels: &'a [usize],
+    /// The compared frames, standardised, rows x channels.
+    frames: Mat<f64>,
+    /// The touches of the model, compressed as the frames.
+    touches: Mat<f64>,
+    positions_m: Vec<Point3>,
+}
+
+/// Other axes or rows of the positions, with which the frames fit the model clearly better; or that the positions fit the model no
+/// better than in a random order. `is_explained` says that they explain the frames without the model.
+pub(crate) fn other_places(
+    labelled: &Labelled<'_>,
+    model: &ModelChannels,
+    body: &Body,
+    is_explained: bool,
+) -> Option<Finding> {
     let count = labelled.positions_m.len();
     if count < MIN_ROWS || labelled.channels.is_empty() {
         return None;
@@ -117,34 +135,80 @@ pub(crate) fn other_axes(labelled: &Labelled<'_>, model: &ModelChannels, body: &
     let rows = spread_over(count, MOST);
     let frames =
         Mat::from_fn(rows.len(), labelled.channels.len(), |i, j| labelled.values[(rows[i], labelled.channels[j])]);
-    let frames = standardised(&frames);
-    let touches = compressed(&model.touches);
-    let positions_m: Vec<Point3> = rows.iter().map(|&row| labelled.positions_m[row]).collect();
-    let fit = |positions_m: &[Point3]| fit(&frames, &touches, model, labelled.channels, positions_m);
-    let given = fit(&positions_m);
-    let others = coordinates.changes().filter_map(|axes| Some((fit(&coordinates.changed(&axes, &positions_m)?), axes)));
-    let (best, axes) = others.max_by(|a, b| mean(&a.0).total_cmp(&mean(&b.0)))?;
-    let better = best.iter().zip(&given).filter(|(best, given)| best > given).count() as f64;
-    let (value, as_given) = (mean(&best), mean(&given));
-    let clear = value >= MIN_AGREEMENT && value - as_given >= MORE && better >= PART * rows.len() as f64;
-    let evidence =
-        format!("mean correlation of a frame with the model at the changed positions; {as_given:.3} as given");
-    clear.then(|| Finding::new(FindingKind::TruthAxes, value, evidence, coordinates.fix(&axes)))
+    let at = |shift: i32| -> Vec<Point3> {
+        let row =
+            |&row: &usize| labelled.positions_m[(row as i64 + i64::from(shift)).rem_euclid(count as i64) as usize];
+        rows.iter().map(row).collect()
+    };
+    let compared = Compared {
+        model,
+        channels: labelled.channels,
+        frames: standardised(&frames),
+        touches: compressed(&model.touches),
+        positions_m: at(0),
+    };
+    let given = compared.fit(&compared.positions_m);
+    compared
+        .other_axes(body, &given)
+        .or_else(|| compared.other_rows(&at, &given))
+        .or_else(|| (!is_explained).then(|| compared.unrelated(&given)).flatten())
 }
 
-/// The correlation of each frame with a simulated touch at its position, both relative to the mean over the positions.
-fn fit(
-    frames: &Mat<f64>,
-    touches: &Mat<f64>,
-    model: &ModelChannels,
-    channels: &[usize],
-    positions_m: &[Point3],
-) -> Vec<f64> {
-    let nearest = |position_m: &Point3| {
-        let apart = |touch: &usize| distance(model.places_m[*touch], *position_m);
-        (0..model.places_m.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).expect("a model has touches")
-    };
-    let at: Vec<usize> = positions_m.par_iter().map(nearest).collect();
-    let expected = standardised(&Mat::from_fn(at.len(), channels.len(), |i, j| touches[(at[i], channels[j])]));
-    (0..at.len()).map(|i| cosine(frames.row(i).iter().copied(), expected.row(i).iter().copied())).collect()
+impl Compared<'_> {
+    /// The simulated touches nearest to some positions, standardised, rows x channels.
+    fn expected(&self, positions_m: &[Point3]) -> Mat<f64> {
+        let nearest = |position_m: &Point3| {
+            let apart = |touch: &usize| distance(self.model.places_m[*touch], *position_m);
+            (0..self.model.places_m.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).expect("a model has touches")
+        };
+        let at: Vec<usize> = positions_m.par_iter().map(nearest).collect();
+        standardised(&Mat::from_fn(at.len(), self.channels.len(), |i, j| self.touches[(at[i], self.channels[j])]))
+    }
+
+    /// The correlation of each frame with a simulated touch at its position, both relative to the mean over the positions.
+    fn fit(&self, positions_m: &[Point3]) -> Vec<f64> {
+        let expected = self.expected(positions_m);
+        let of_row = |i: usize| cosine(self.frames.row(i).iter().copied(), expected.row(i).iter().copied());
+        (0..positions_m.len()).map(of_row).collect()
+    }
+
+    /// Whether other positions fit clearly better than the given ones.
+    fn is_clear(best: &[f64], given: &[f64]) -> bool {
+        let better = best.iter().zip(given).filter(|(best, given)| best > given).count() as f64;
+        let (value, as_given) = (mean(best), mean(given));
+        value >= MIN_AGREEMENT && value - as_given >= MORE && better >= PART * given.len() as f64
+    }
+
+    fn other_axes(&self, body: &Body, given: &[f64]) -> Option<Finding> {
+        let coordinates = Coordinates::of(body)?;
+        let fit = |axes: Axes| Some((self.fit(&coordinates.changed(&axes, &self.positions_m)?), axes));
+        let (best, axes) = coordinates.changes().filter_map(fit).max_by(|a, b| mean(&a.0).total_cmp(&mean(&b.0)))?;
+        let evidence =
+            format!("mean correlation of a frame with the model at the changed positions; {:.3} as given", mean(given));
+        Self::is_clear(&best, given)
+            .then(|| Finding::new(FindingKind::TruthAxes, mean(&best), evidence, coordinates.fix(&axes)))
+    }
+
+    fn other_rows(&self, at: &dyn Fn(i32) -> Vec<Point3>, given: &[f64]) -> Option<Finding> {
+        let shifts = SHIFTS.filter(|shift| *shift != 0);
+        let (best, shift) =
+            shifts.map(|shift| (self.fit(&at(shift)), shift)).max_by(|a, b| mean(&a.0).total_cmp(&mean(&b.0)))?;
+        let evidence = format!(
+            "mean correlation of a frame with the model at the shifted positions; {:.3} without a shift",
+            mean(given)
+        );
+        Self::is_clear(&best, given).then(|| shifted_by(shift, mean(&best), evidence))
+    }
+
+    fn unrelated(&self, given: &[f64]) -> Option<Finding> {
+        let (frames, expected) = (unit_rows(&self.frames), unit_rows(&self.expected(&self.positions_m)));
+        let apart = -(frames * expected.transpose());
+        let evidence = evidence_of(&apart);
+        let text = format!(
+            "mean correlation of a frame with the model at its position, by {evidence:.1} standard deviations better than in a random \
+             order"
+        );
+        let fix = "check that the positions are those of these frames, in their order, units and coordinates";
+        (evidence < MIN_EVIDENCE).then(|| Finding::new(FindingKind::TruthUnrelated, mean(given), text, fix))
+    }
 }

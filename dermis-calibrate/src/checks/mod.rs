@@ -34,7 +34,7 @@ mod time;
 mod truth;
 mod values;
 
-use crate::calibration::{LabelFrame, check_frames};
+use crate::calibration::{Label, LabelFrame, check_frames};
 use crate::error::CalibrateError;
 use crate::lags::{LAGS, LagEvidence, lag_evidence};
 use crate::sequence::{Realignment, in_units};
@@ -42,7 +42,7 @@ use crate::units::ChannelUnits;
 use axes::Labelled;
 use correlation::{correlations, in_robust_units, standardised, to_matrix, to_rows};
 use dermis::design::Body;
-use dermis::finding::{Finding, FindingKind};
+use dermis::finding::{Finding, FindingKind, Severity};
 use dermis::frame::{Frame, broken_channels, disconnected_electrodes, mean};
 use dermis::geom::Point3;
 use dermis::protocol::Protocol;
@@ -168,6 +168,40 @@ pub fn realigned(frames: &[Frame], lags: &[i32]) -> Result<Vec<Frame>, Calibrate
         at.map_or_else(|| units.invert(channel, completed[row][channel]), |frame| frame[channel])
     };
     Ok((0..frames.len()).map(|row| Frame((0..lags.len()).map(|channel| value(row, channel)).collect())).collect())
+}
+
+/// Median force of presses above which they are hardly in newton, N: people and robots touch each other with less (ISO/TS 15066
+/// permits 280 N at most for a moment), and coats of fabric and foam end at a few ten.
+const LARGEST_FORCE_N: f64 = 100.0;
+
+/// Forces of labels that are hardly in newton.
+pub fn check_forces(labels: &[Label]) -> Option<Finding> {
+    let known: Vec<f64> = labels.iter().map(|label| label.force_n).filter(|force_n| *force_n > 0.0).collect();
+    let median_n = dermis::stats::upper_median(&known).filter(|median_n| *median_n > LARGEST_FORCE_N)?;
+    let evidence = format!("the median of the forces, N; above {LARGEST_FORCE_N} they are probably in another unit");
+    let found =
+        Finding::new(FindingKind::Magnitude, median_n, evidence, "give forces in newton: 1 N is 1000 mN or 102 g");
+    Some(Finding { severity: Severity::Warning, ..found })
+}
+
+/// What is wrong with the positions and forces of labels, by the differences that they are of.
+///
+/// # Errors
+/// As [`check_recording`].
+pub fn check_labels(
+    skin: &Skin,
+    differences: &[Frame],
+    labels: &[Label],
+    label_frame: LabelFrame,
+) -> Result<Vec<Finding>, CalibrateError> {
+    use FindingKind::{TruthAxes, TruthShifted, TruthUnrelated};
+    let frames: Vec<Frame> = labels.iter().map(|label| differences[label.row].clone()).collect();
+    let positions_m: Vec<Point3> = labels.iter().map(|label| label.position_m).collect();
+    let recording = Recording { frames: &frames, untouched: &[], positions_m: Some(&positions_m), label_frame };
+    let mut findings = check_recording(skin, &recording)?.findings;
+    findings.retain(|finding| matches!(finding.kind, TruthAxes | TruthShifted | TruthUnrelated));
+    findings.extend(check_forces(labels));
+    Ok(findings)
 }
 
 fn validate(recording: &Recording<'_>, protocol: &Protocol) -> Result<(), CalibrateError> {
@@ -420,7 +454,8 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// Positions with other axes than those of the skin. Positions of other rows are not judged.
+    /// Positions with other axes than those of the skin, of other rows, or of other frames, by the model. Those whose rows are known
+    /// to be others already are not judged.
     fn axes(&mut self, values: &Mat<f64>, order: &Order) {
         let shifted = self.findings.iter().any(|finding| finding.kind == FindingKind::TruthShifted);
         let Some(positions_m) = self.recording.positions_m else { return };
@@ -430,7 +465,9 @@ impl<'a> Check<'a> {
         let is_sound = |channel: &usize| !self.left_out.contains(&order.columns[*channel]);
         let channels: Vec<usize> = (0..order.columns.len()).filter(is_sound).collect();
         let labelled = Labelled { values, positions_m, channels: &channels };
-        self.findings.extend(axes::other_axes(&labelled, &self.model, &self.body));
+        let own = (-truth::SHIFTS.start()) as usize;
+        let is_explained = self.figures.shift_explained.get(own).is_some_and(|explained| *explained >= truth::MIN);
+        self.findings.extend(axes::other_places(&labelled, &self.model, &self.body, is_explained));
     }
 
     /// Channels of the design whose sign is turned, where not all are.
@@ -478,7 +515,7 @@ impl<'a> Check<'a> {
         let dead: Vec<usize> = self.dead.iter().copied().filter(|channel| !is_explained(channel)).collect();
         let constant = self.constant.iter().filter(|channel| !is_explained(channel)).count();
         self.findings.extend(values::dead(dead, constant, describe::NOISE));
-        self.findings.extend(values::saturated(&self.columns, &self.dead));
+        self.findings.extend(values::saturated(&self.columns, self.untouched.as_deref(), &self.dead));
         self.findings.extend(values::outliers(&self.columns, &self.dead));
         let magnitude = match &self.untouched {
             Some(untouched) => magnitude::of_untouched(untouched, &self.model.untouched),

@@ -20,7 +20,7 @@ const FOLDS: usize = 8;
 /// Fewest rows.
 const MIN_ROWS: usize = 60;
 /// The best shift explains at least this part of the components ...
-const MIN: f64 = 0.1;
+pub(crate) const MIN: f64 = 0.1;
 /// ... and this much more than no shift.
 const MORE: f64 = 0.05;
 
@@ -101,6 +101,11 @@ pub(crate) fn shifted_in_noise(standardised: &Mat<f64>, positions_m: &[Point3]) 
 fn finding(shift: i32, best: f64, zero: f64) -> Finding {
     let evidence =
         format!("part that the shifted positions explain of the frames, or these of them; {zero:.3} without a shift");
+    shifted_by(shift, best, evidence)
+}
+
+/// The same with its own evidence.
+pub(crate) fn shifted_by(shift: i32, best: f64, evidence: String) -> Finding {
     let (rows, from) = (counted(shift.abs(), "row"), if shift > 0 { "after" } else { "before" });
     let fix = format!("the press of each frame is {rows} {from} it in the truth: move the rows of the truth");
     Finding { lag: shift, ..Finding::new(FindingKind::TruthShifted, best, evidence, fix) }

@@ -14,7 +14,7 @@ use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::method::Methods;
 use dermis::skin::Skin;
-use dermis_calibrate::checks::{Recording, check_recording};
+use dermis_calibrate::checks::{Recording, check_forces, check_recording};
 use dermis_calibrate::{
     Alternatives, Calibration, Fitted, Label, LabelFrame, LearningPoint, Presses, expected_error_m, learning_curve,
 };
@@ -96,6 +96,9 @@ impl Arguments {
         let presses = Presses::read(truth, &skin, recorded.used.count)?.of_rows(&recorded.used.rows);
         warn_of_faults(&skin, &recorded, &presses)?;
         let labels = presses.labels(&recorded.used.chosen(self.labels.as_ref(), "--labels")?);
+        if let Some(found) = check_forces(&labels) {
+            warn(&format!("{}: {} = {}; {}", found.title(), found.evidence, found.value_text(), found.fix));
+        }
         let mut used = recorded.into_differences();
         if !self.unlabelled {
             used.frames.truncate(labels.last().map_or(0, |label| label.row) + 1);

@@ -1,10 +1,9 @@
 //! `dermis jacobian`: the Jacobian of a frame with respect to conductivity.
 
-use crate::console::print;
 use crate::failure::Outcome;
+use crate::output::Output;
 use crate::skin::{self, Per};
 use clap::Args;
-use dermis::frame::write_array;
 use std::path::PathBuf;
 
 /// The arguments of `dermis jacobian`.
@@ -18,9 +17,9 @@ pub struct Arguments {
     /// Meaning of the columns.
     #[arg(long, value_enum, default_value_t = Per::Pixel)]
     per: Per,
-    /// Matrix to write, channels x pixels (or cells): NPY, NPZ or CSV; ohm per S.
+    /// Matrix to write, channels x pixels (or cells): NPY, NPZ or CSV, or - for CSV on standard output; ohm per S.
     #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    output: Output,
 }
 
 impl Arguments {
@@ -32,7 +31,7 @@ impl Arguments {
             Per::Cell => skin.forward().jacobian(&conductivity)?,
             Per::Pixel => skin.forward().pixel_jacobian(&conductivity, skin.pixels())?,
         };
-        write_array(&self.output, "jacobian", &[matrix.rows, matrix.columns], &matrix.values)?;
-        print(&format!("{}: {} values x {} columns\n", self.output.display(), matrix.rows, matrix.columns))
+        self.output.write_array("jacobian", &[matrix.rows, matrix.columns], &matrix.values)?;
+        self.output.say(&format!("{} values x {} columns", matrix.rows, matrix.columns))
     }
 }

@@ -93,6 +93,11 @@ impl Arguments {
             let fix = "leave --currents out, or name the frames with --frames";
             return Err(Failure::given("--currents belong to frames, and there are none", Some(fix)));
         }
+        let is_of_design = matches!(self.what, What::Mesh | What::Electrodes | What::Sensitivity);
+        if is_of_design && (self.frames.is_some() || self.images.is_some()) {
+            let message = format!("--what {} is a picture of the design, and takes no frames", self.what_name());
+            return Err(Failure::given(message, Some("give --what image, or leave the frames out")));
+        }
         is_png(&self.output)?;
         let design = SkinDesign::load(&self.design)?;
         let mesh = Mesh::generate(&design)?;

@@ -6,7 +6,7 @@ use crate::guide::{Guide, GuideAction};
 use crate::recording::{RecordingLimits, RecordingSink, RecordingStatus};
 use crate::runtime::{LiveHandle, RateLimit};
 use dermis::geom::{Point3, Surface};
-use dermis::pipeline::Command;
+use dermis::pipeline::{Command, Severity};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -233,8 +233,16 @@ impl Control {
             }
             Request::Press { finger, position_m, force_n } => self.press(*finger, *position_m, *force_n)?,
             Request::Release { finger } => self.release(*finger),
-            Request::Record { on: true } => self.record(&self.new_recording()?)?,
-            Request::Record { on: false } => drop(self.end_recording()),
+            Request::Record { on: true } => {
+                let path = self.new_recording()?;
+                self.record(&path)?;
+                self.shared.notice(Severity::Info, format!("a page began the recording {}", path.display()));
+            }
+            Request::Record { on: false } => {
+                if let Some((path, _)) = self.end_recording() {
+                    self.shared.notice(Severity::Warning, format!("a page ended the recording {}", path.display()));
+                }
+            }
             Request::Pause { on } => self.shared.playback().into_iter().for_each(|playback| playback.pause(*on)),
             Request::Seek { part } => self.seek(*part)?,
             Request::Guide { action } => match &self.guide {

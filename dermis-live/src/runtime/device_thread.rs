@@ -1,15 +1,23 @@
 //! The thread that reads the device.
 
 use crate::LiveError;
-use crate::device::{Address, Connection, DeviceEvent, DeviceOptions, Stream};
+use crate::device::{Address, Connection, DeviceEvent, DeviceFacts, DeviceOptions, Stream};
 use crate::runtime::{Event, LiveHandle, WorkItem};
 use dermis::pipeline::{Command, Severity};
+use dermis_wire::ToHost;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use std::time::Duration;
 
 /// Pause between two attempts to connect again.
 const RETRY: Duration = Duration::from_millis(250);
+
+/// What the values of a device depend on: reference resistor, source, volts per count; `None` for an instrument without a hello.
+fn stated_scale(facts: &DeviceFacts) -> Option<[f32; 5]> {
+    let Ok(ToHost::Hello(hello)) = ToHost::parse(&facts.hello) else { return None };
+    let [undriven, driven, reference] = hello.volts_per_count;
+    Some([hello.reference_ohm, hello.source_v, undriven, driven, reference])
+}
 
 /// Reads the device, and connects again when it is lost.
 pub(super) struct DeviceThread {
@@ -27,9 +35,16 @@ impl DeviceThread {
     pub(super) fn run(self, connection: Option<Connection>) {
         self.shared.await_begin();
         let mut next = connection.or_else(|| self.connect(None));
+        let mut scale = None;
         while let Some(connection) = next {
             let facts = connection.facts();
             self.shared.connected(facts.clone());
+            let stated = stated_scale(facts);
+            if scale.replace(stated).is_some_and(|before| before != stated) {
+                let text = "the device states other scales of its readings than before: a tare begins".to_string();
+                self.shared.notice(Severity::Warning, text);
+                self.shared.command(Command::Tare);
+            }
             // Firmware without a serial number sends 0.
             if let Some(serial) = NonZeroU32::new(facts.serial) {
                 self.shared.command(Command::Device { serial });

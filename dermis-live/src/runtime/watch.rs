@@ -14,6 +14,8 @@ use std::time::{Duration, Instant};
 pub(super) const STALE: Duration = Duration::from_millis(150);
 /// The same as a multiple of the interval between frames.
 const INTERVALS: f64 = 3.0;
+/// Time without the first frame of a connected device after which people are told.
+const FIRST: Duration = Duration::from_secs(2);
 /// Interval at which a stale frame is reported again.
 const AGAIN: Duration = Duration::from_millis(200);
 /// Weight of an interval between two frames in their mean.
@@ -38,7 +40,7 @@ struct Frames {
     arrived: Instant,
     /// Mean interval between frames, s.
     interval_s: f64,
-    /// When the last frame was reported as stale.
+    /// When the last frame, or the absence of the first one, was reported.
     reported: Option<Instant>,
     gaps: NoticeLimit,
     /// Whether the end of an interruption is reported, as its start was.
@@ -110,6 +112,17 @@ impl Watch {
         if is_busy && (!self.is_live || was_invalid) || self.shared.playback().is_some_and(Playback::is_paused) {
             frames.arrived = Instant::now();
             return;
+        }
+        if frames.last.is_none() && self.shared.facts().is_none() {
+            // Nothing is connected yet.
+            frames.arrived = Instant::now();
+        }
+        let is_missing = frames.last.is_none() && frames.reported.is_none() && frames.arrived.elapsed() > FIRST;
+        if is_missing && self.is_live {
+            frames.reported = Some(Instant::now());
+            let text =
+                "the device is connected, but no frame has arrived: does it measure, and is its format the stated one?";
+            self.shared.notice(Severity::Error, text.into());
         }
         if let Some((stale, is_first)) = frames.stale() {
             if is_first {

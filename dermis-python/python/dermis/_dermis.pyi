@@ -193,6 +193,8 @@ class Live:
         seed: Seed of the twin.
         touch: Touch script of the simulated device: none, random, press, slide, cross, four, grid, or a file.
         speed: Speed of the simulated device or of a recording, as a multiple of real time.
+        all_frames: Give every frame, also those that have waited for the caller, of which at most 4,096 are kept. Without it
+            frames that have waited for longer than 50 ms are skipped if newer ones wait. Recordings are given whole.
 
     Raises:
         DermisError: A device that cannot be reached or is refused.
@@ -210,6 +212,7 @@ class Live:
         seed: int = 1,
         touch: str = "none",
         speed: float = 1.0,
+        all_frames: bool = False,
     ) -> Self: ...
     def __iter__(self) -> Self: ...
     def __next__(self) -> Frame: ...

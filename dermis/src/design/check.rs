@@ -2,7 +2,7 @@
 
 use crate::design::layout::{MAX_ELECTRODES, name};
 use crate::design::resolve::Place;
-use crate::design::{Body, Electrode, ElectrodeShape, ImageLayout, RegionPlace, SkinDesign};
+use crate::design::{Body, Electrode, ElectrodeShape, ImageLayout, RegionPlace, Sheet, SheetKind, SkinDesign};
 use crate::geom::{Chart, Edge};
 use crate::text::decimal;
 use std::f64::consts::PI;
@@ -33,6 +33,13 @@ pub(crate) const LARGEST_BODY_M: f64 = 20.0;
 const SMALLEST_ELECTRODE_M: f64 = 1e-5;
 const SHORTEST_EDGE_M: f64 = 1e-6;
 
+/// The resistance of a contact over the sheet resistance: smaller and larger ones cost more digits than voltages need, since the
+/// error of a solution by factors grows with the contrast of what is summed at an electrode.
+const CONTACT_RATIOS: [f64; 2] = [1e-9, 1e6];
+
+/// Largest conductance of a region over that of the sheet, and of the sheet over that of a region, for the same reason.
+const LARGEST_CONTRAST: f64 = 1e6;
+
 /// Maximum number of pixels of an image: a thousand times that of the paper.
 const MAX_PIXELS: usize = 1_000_000;
 
@@ -51,7 +58,7 @@ pub(super) fn check(design: &SkinDesign) -> Result<(), Problem> {
         return Err(problem(Place::Electrodes, format!("{count} electrodes, but a skin has 4 to {MAX_ELECTRODES}")));
     }
     for (index, one) in design.electrodes.iter().enumerate() {
-        electrode(&design.body, index, one)?;
+        electrode(design, index, one)?;
     }
     overlaps(&design.body, &design.electrodes)?;
     if design.protocol.electrode_count() != count {
@@ -102,6 +109,13 @@ fn sheet(design: &SkinDesign) -> Result<(), Problem> {
         if !positive(region.conductance) {
             return Err(wrong(format!("the conductance is {}: it must be positive and finite", region.conductance)));
         }
+        let ratio = region.conductance / design.sheet.conductance;
+        if !(1.0 / LARGEST_CONTRAST..=LARGEST_CONTRAST).contains(&ratio) {
+            let message =
+                format!("it conducts {ratio:.0e} times as well as the sheet, more contrast than can be computed");
+            let fix = format!("{LARGEST_CONTRAST:.0e} is as good as an insulator or a perfect conductor");
+            return Err(wrong(message).fix(fix));
+        }
         match (&region.place, &design.body) {
             (RegionPlace::Box { .. }, Body::Mesh { .. }) => {
                 return Err(wrong("a box needs a cylinder, a disk or a rectangle".into())
@@ -123,11 +137,11 @@ fn sheet(design: &SkinDesign) -> Result<(), Problem> {
 }
 
 /// Checks one electrode: its size, its place, its contact impedance.
-fn electrode(body: &Body, index: usize, electrode: &Electrode) -> Result<(), Problem> {
+fn electrode(SkinDesign { body, sheet, .. }: &SkinDesign, index: usize, electrode: &Electrode) -> Result<(), Problem> {
     let wrong = |message: String| problem(Place::Electrode(index), format!("electrode {index} {message}"));
     let Electrode { centre_m, shape, contact_impedance } = *electrode;
     if shape == ElectrodeShape::Group {
-        return impedance(index, contact_impedance);
+        return impedance(index, contact_impedance, None);
     }
     if centre_m.iter().any(|coordinate| !coordinate.is_finite()) {
         return Err(wrong(format!("is at {centre_m:?}: its place must be finite")));
@@ -164,15 +178,40 @@ fn electrode(body: &Body, index: usize, electrode: &Electrode) -> Result<(), Pro
         ElectrodeShape::Arc { length_m } => arc(body, index, electrode, length_m)?,
         ElectrodeShape::Point | ElectrodeShape::Group => return Ok(()),
     }
-    impedance(index, contact_impedance)
+    impedance(index, contact_impedance, contact_ratio(sheet, electrode))
 }
 
-fn impedance(index: usize, value: f64) -> Result<(), Problem> {
-    if value > 0.0 && value.is_finite() {
-        return Ok(());
+/// The resistance of an electrode's contact over the sheet resistance; `None` where the size of the electrode is not known.
+fn contact_ratio(sheet: &Sheet, electrode: &Electrode) -> Option<f64> {
+    let size = match electrode.shape {
+        ElectrodeShape::Disc { radius_m } => PI * radius_m * radius_m,
+        ElectrodeShape::Arc { length_m } => length_m,
+        ElectrodeShape::Point | ElectrodeShape::Group => return None,
+    };
+    (sheet.kind == SheetKind::Surface).then_some(electrode.contact_impedance * sheet.conductance / size)
+}
+
+fn impedance(index: usize, value: f64, ratio: Option<f64>) -> Result<(), Problem> {
+    let wrong = |message: String| {
+        problem(Place::ContactImpedance, format!("the contact impedance of electrode {index} is {value}: {message}"))
+    };
+    if !(value > 0.0 && value.is_finite()) {
+        return Err(wrong("it must be positive and finite".into()));
     }
-    let message = format!("the contact impedance of electrode {index} is {value}: it must be positive and finite");
-    Err(problem(Place::ContactImpedance, message))
+    let [least, most] = CONTACT_RATIOS;
+    match ratio.filter(|ratio| !(least..=most).contains(ratio)) {
+        None => Ok(()),
+        Some(ratio) => {
+            let message = format!(
+                "its contact has {ratio:.0e} of the sheet resistance, and {least:.0e} to {most:.0e} can be computed"
+            );
+            let fix = format!(
+                "for a perfect contact give {:.0e}; leave an electrode without contact out of the protocol",
+                value * least / ratio
+            );
+            Err(wrong(message).fix(fix))
+        }
+    }
 }
 
 /// Checks that an arc is on an edge and shorter than it.
@@ -226,12 +265,11 @@ fn off_body(body: &Body, [x, y, z]: [f64; 3]) -> Option<(String, String)> {
 fn overlaps(body: &Body, electrodes: &[Electrode]) -> Result<(), Problem> {
     for (j, b) in electrodes.iter().enumerate() {
         for (i, a) in electrodes[..j].iter().enumerate() {
-            let apart_m = distance_m(body, a, b);
-            let needed_m = reach_m(a.shape) + reach_m(b.shape);
+            let (what, apart_m, needed_m) = apart_m(body, a, b);
             // Rounding may leave a tiny gap between two electrodes that touch; no mesh fits into it.
             if apart_m <= needed_m * (1.0 + ROUNDING) {
                 let message = format!(
-                    "electrodes {i} and {j} overlap: their centres are {} mm apart, and they reach {} mm",
+                    "electrodes {i} and {j} overlap: {what} {} mm apart, and they reach {} mm",
                     millimetres(apart_m),
                     millimetres(needed_m)
                 );
@@ -251,18 +289,37 @@ fn reach_m(shape: ElectrodeShape) -> f64 {
     }
 }
 
-/// The distance of two electrodes: along the edge between arcs, along the surface otherwise. Groups have no known
-/// place, so their distance is `NaN`, which never counts as overlap.
-fn distance_m(body: &Body, a: &Electrode, b: &Electrode) -> f64 {
-    let both_arcs = matches!((a.shape, b.shape), (ElectrodeShape::Arc { .. }, ElectrodeShape::Arc { .. }));
-    match body.chart() {
-        Some(chart) if both_arcs && chart.period_m().is_none() => {
-            let [edge] = &Edge::all(&chart)[..] else { unreachable!("a flat body has one edge") };
-            let [a, b] = [a, b].map(|electrode| edge.nearest(chart.unroll(electrode.centre_m)).0);
-            edge.arc_m(a, b)
-        }
-        _ => body.surface().distance_m(a.centre_m, b.centre_m),
-    }
+/// The distance of two electrodes, and how far they reach in its direction: between two arcs of a flat skin along its edge, from
+/// another electrode to the nearest point of an arc, else between centres along the surface. Groups have no known place, so their
+/// distance is `NaN`, which never counts as overlap.
+fn apart_m(body: &Body, a: &Electrode, b: &Electrode) -> (&'static str, f64, f64) {
+    let of_centres = |apart_m: f64| ("their centres are", apart_m, reach_m(a.shape) + reach_m(b.shape));
+    let between_centres = || of_centres(body.surface().distance_m(a.centre_m, b.centre_m));
+    let Some(chart) = body.chart() else { return between_centres() };
+    let edges = Edge::all(&chart);
+    // The edge that a point is on, and the place on it.
+    let on_edge = |electrode: &Electrode| {
+        let place = chart.unroll(electrode.centre_m);
+        edges.iter().map(|edge| (edge, edge.nearest(place))).min_by(|a, b| a.1.1.total_cmp(&b.1.1))
+    };
+    let (arc, half_m, other) = match (a.shape, b.shape) {
+        (ElectrodeShape::Arc { .. }, ElectrodeShape::Arc { .. }) => match (on_edge(a), on_edge(b)) {
+            (Some((edge, (from, _))), Some((_, (to, _)))) if edges.len() == 1 => {
+                return of_centres(edge.arc_m(from, to));
+            }
+            _ => return between_centres(),
+        },
+        (ElectrodeShape::Arc { length_m }, _) => (a, 0.5 * length_m, b),
+        (_, ElectrodeShape::Arc { length_m }) => (b, 0.5 * length_m, a),
+        _ => return between_centres(),
+    };
+    let Some((edge, (middle, _))) = on_edge(arc) else { return between_centres() };
+    let place = chart.unroll(other.centre_m);
+    let (nearest, off_m) = edge.nearest(place);
+    let to = |s: f64| chart.distance_m(place, edge.point(s));
+    let ends_m = to(middle - half_m).min(to(middle + half_m));
+    let apart_m = if edge.arc_m(middle, nearest) <= half_m { off_m.min(ends_m) } else { ends_m };
+    ("the arc and the centre of the other are", apart_m, reach_m(other.shape))
 }
 
 fn image(design: &SkinDesign) -> Result<(), Problem> {

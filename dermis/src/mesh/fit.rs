@@ -1,8 +1,22 @@
 //! Checks that a mesh fits a design.
 
 use crate::design::{Region, RegionPlace, SheetKind, SkinDesign};
-use crate::geom::Chart;
+use crate::geom::{Chart, Point2, polygon};
 use crate::mesh::{Cells, Mesh, MeshError};
+
+/// Largest relative error of the area of a region's cells: cells belong to it whole or not at all, so that its outline is jagged
+/// by half a cell. Generated meshes have [`CELLS_ACROSS`](crate::mesh::generate::CELLS_ACROSS) of them across.
+const MAX_AREA_ERROR: f64 = 0.2;
+
+/// A box of a region in the coordinates of a chart: on a cylinder those that are a turn apart, too.
+pub(super) fn boxes(chart: &Chart, low_m: Point2, high_m: Point2) -> Vec<[Point2; 2]> {
+    let Some(period_m) = chart.period_m() else { return vec![[low_m, high_m]] };
+    // One that goes round more than once covers no cell twice.
+    let high_m = [high_m[0], high_m[1].min(low_m[1] + period_m)];
+    let turned = |[along, around]: Point2, turn: i32| [around + f64::from(turn) * period_m, along];
+    let [first, last] = [(-high_m[1] / period_m).floor() as i32, (1.0 - low_m[1] / period_m).ceil() as i32];
+    (first..=last).map(|turn| [turned(low_m, turn), turned(high_m, turn)]).collect()
+}
 
 impl Mesh {
     /// Checks that the mesh has the electrodes and regions of a design, and is a surface for a sheet resistance or a
@@ -38,6 +52,15 @@ impl Mesh {
                 );
                 return Err(MeshError::Invalid(message));
             }
+            if let Some(part) = self.covered_part(design, region).filter(|part| (part - 1.0).abs() > MAX_AREA_ERROR) {
+                let message = format!(
+                    "the cells of the region `{}` of the design `{}` have {:.0} % of its area: give the mesh a shorter max_edge_m",
+                    region.name,
+                    design.name,
+                    100.0 * part
+                );
+                return Err(MeshError::Invalid(message));
+            }
         }
         Ok(())
     }
@@ -51,23 +74,45 @@ impl Mesh {
             }
             RegionPlace::Box { low_m, high_m } => {
                 let chart = Chart::of(&design.body.surface());
+                let boxes = boxes(&chart, low_m, high_m);
                 let is_inside = |&cell: &usize| {
-                    let mut place = chart.unroll(self.cell_centre(cell));
-                    if chart.period_m().is_some() {
-                        place.reverse();
-                    }
-                    (0..2).all(|axis| (low_m[axis]..=high_m[axis]).contains(&place[axis]))
+                    let place = chart.unroll(self.cell_centre(cell));
+                    let contains =
+                        |[low, high]: &[Point2; 2]| (0..2).all(|axis| (low[axis]..=high[axis]).contains(&place[axis]));
+                    boxes.iter().any(contains)
                 };
                 (0..self.cell_count()).filter(is_inside).collect()
             }
         }
     }
+
+    /// The area of a region's cells over that of the part of the surface inside its box; `None` for a group.
+    fn covered_part(&self, design: &SkinDesign, region: &Region) -> Option<f64> {
+        let (RegionPlace::Box { low_m, high_m }, Cells::Triangles(triangles)) = (&region.place, &self.cells) else {
+            return None;
+        };
+        let chart = Chart::of(&design.body.surface());
+        let boxes = boxes(&chart, *low_m, *high_m);
+        let mut memory = [Vec::new(), Vec::new()];
+        let mut inside_m2 = 0.0;
+        for (cell, corners) in triangles.iter().enumerate() {
+            let centre = chart.unroll(self.cell_centre(cell));
+            let corners = corners.map(|node| chart.unroll_beside(centre, self.nodes[node]));
+            for [low, high] in &boxes {
+                polygon::clip_box_in(&corners, *low, *high, &mut memory);
+                inside_m2 += polygon::signed_area(&memory[0]).abs();
+            }
+        }
+        let covered_m2: f64 = self.cells_of(design, region).into_iter().map(|cell| self.cell_measure(cell)).sum();
+        Some(covered_m2 / inside_m2)
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use crate::design::SkinDesign;
+    use crate::design::{Region, RegionPlace, SkinDesign};
     use crate::mesh::{Mesh, import};
+    use std::f64::consts::PI;
 
     const SHEET: &str = r#"
 [body.mesh]
@@ -122,6 +167,27 @@ pattern = "adjacent"
         for (low, high) in [("[50, 0]", "[100, 100]"), ("[0.05, 0.05]", "[0.050001, 0.050001]")] {
             let error = found(low, high).unwrap();
             assert!(error.contains("the region `stripe` of the design `flat` covers no cell"), "{error}");
+        }
+    }
+
+    /// The area of the cells of a box on the paper's cylinder over that of the box.
+    fn covered(low_m: [f64; 2], high_m: [f64; 2]) -> f64 {
+        let mut design = SkinDesign::shipped("cylinder30").unwrap();
+        let region = Region { name: "r".into(), conductance: 1e-4, place: RegionPlace::Box { low_m, high_m } };
+        design.sheet.regions = vec![region.clone()];
+        let mesh = Mesh::generate(&design).unwrap();
+        mesh.check_fits(&design).unwrap();
+        let cells = mesh.cells_of(&design, &region);
+        let round_m = (high_m[1] - low_m[1]).min(PI * 0.1);
+        cells.into_iter().map(|cell| mesh.cell_measure(cell)).sum::<f64>() / (round_m * (high_m[0] - low_m[0]))
+    }
+
+    #[test]
+    fn regions_cover_their_boxes_across_the_seam_and_if_they_are_narrow() {
+        for (low, high) in [(-0.01, 0.01), (PI * 0.1 - 0.01, PI * 0.1 + 0.01), (0.05, 0.07), (-1.0, 1.0), (0.05, 0.052)]
+        {
+            let part = covered([0.1, low], [0.2, high]);
+            assert!((part - 1.0).abs() < 0.1, "{low} to {high}: {part}");
         }
     }
 }

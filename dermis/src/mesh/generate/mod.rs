@@ -35,6 +35,9 @@ impl Mesh {
     }
 }
 
+/// Cells across the shorter side of a region.
+pub(super) const CELLS_ACROSS: f64 = 4.0;
+
 fn lay(chart: &Chart, design: &SkinDesign, options: &MeshOptions) -> Result<Mesh, MeshError> {
     let smallest = chart.area_m2() / (options.max_edge_m * options.max_edge_m);
     if smallest > NODES_AT_MOST {
@@ -53,7 +56,7 @@ fn lay(chart: &Chart, design: &SkinDesign, options: &MeshOptions) -> Result<Mesh
             })
         })
         .collect::<Result<Vec<_>, _>>()?;
-    let sizing = Sizing::new(chart, &outlines, options);
+    let sizing = Sizing::new(chart, &outlines, &design.sheet.regions, options);
     let layout = Layout::new(chart, &outlines, &sizing)?;
     let mut points = layout.points.clone();
     let fixed = points.len();

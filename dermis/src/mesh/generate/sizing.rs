@@ -1,8 +1,10 @@
 //! Target edge lengths as a function of position.
 
+use super::CELLS_ACROSS;
 use super::outline::Outline;
-use crate::design::MeshOptions;
+use crate::design::{MeshOptions, Region, RegionPlace};
 use crate::geom::{Chart, Edge, Point2};
+use crate::mesh::fit::boxes;
 
 /// Mean edge length as a fraction of the longest allowed: a relaxed mesh has edges up to a fifth longer than the mean.
 const MEAN_OF_LONGEST: f64 = 0.87;
@@ -38,10 +40,16 @@ enum Feature {
     Point {
         at: Point2,
     },
+    /// The box of a region, and the length of edges in it.
+    Box {
+        low: Point2,
+        high: Point2,
+        side: f64,
+    },
 }
 
 impl Sizing {
-    pub(super) fn new(chart: &Chart, outlines: &[Outline], options: &MeshOptions) -> Self {
+    pub(super) fn new(chart: &Chart, outlines: &[Outline], regions: &[Region], options: &MeshOptions) -> Self {
         let mut features = Vec::new();
         let edges = Edge::all(chart);
         for outline in outlines {
@@ -56,6 +64,15 @@ impl Sizing {
                 }
                 Outline::Point { at } => features.push(Feature::Point { at }),
             }
+        }
+        for region in regions {
+            let RegionPlace::Box { low_m, high_m } = region.place else { continue };
+            let side = MEAN_OF_LONGEST * (high_m[0] - low_m[0]).min(high_m[1] - low_m[1]) / CELLS_ACROSS;
+            features.extend(boxes(chart, low_m, high_m).into_iter().map(|[low, high]| Feature::Box {
+                low,
+                high,
+                side,
+            }));
         }
         let mut sizing = Sizing {
             chart: *chart,
@@ -99,6 +116,10 @@ impl Sizing {
                 side + self.growth * (self.chart.distance_m(point, centre) - radius).abs()
             }
             Feature::Point { at } => self.at_electrode + self.growth * self.chart.distance_m(point, at),
+            Feature::Box { low, high, side } => {
+                let nearest = [0, 1].map(|axis| point[axis].clamp(low[axis], high[axis]));
+                side + self.growth * (point[0] - nearest[0]).hypot(point[1] - nearest[1])
+            }
         }
     }
 
