@@ -154,7 +154,7 @@ impl FrameArguments {
         self.report(self.baseline.as_deref().unwrap_or(&self.frames), of_baseline, needs_model)?;
         let unlike = check.of_frames(frames, &baseline);
         let unlike = match unlike {
-            None => check.of_common_change(frames, Some(&baseline), skin)?,
+            None => check.of_common_change(frames, untouched, &baseline, skin)?,
             unlike => unlike,
         };
         self.report(&self.frames, in_file(unlike, used), true)

@@ -34,14 +34,23 @@ fn skins() -> Vec<(String, Skin)> {
     shipped.into_iter().chain(without_signs).collect()
 }
 
-/// Frames of a twin: touched, and untouched.
-fn frames(skin: &Skin, twin: &str, seed: u64) -> [Vec<Frame>; 2] {
+fn made(skin: &Skin, twin: &str, seed: u64) -> (TwinOptions, Twin) {
     let options = TwinOptions::shipped(twin).unwrap();
     let made = Twin::new(skin.design(), &options, seed).unwrap();
+    (options, made)
+}
+
+fn untouched(made: &Twin) -> Vec<Frame> {
+    (0..UNTOUCHED).map(|index| made.frame(&[], index).unwrap()).collect()
+}
+
+/// Frames of a twin: touched, and untouched.
+fn frames(skin: &Skin, twin: &str, seed: u64) -> [Vec<Frame>; 2] {
+    let (options, made) = made(skin, twin, seed);
     let presses = Presses::new(skin.design(), skin.mesh(), skin.pixels(), options.press, seed);
     let PressSet { presses, .. } = presses.at_random(TOUCHED);
     let touched = presses.iter().zip(UNTOUCHED..).map(|(presses, index)| made.frame(presses, index).unwrap()).collect();
-    [touched, (0..UNTOUCHED).map(|index| made.frame(&[], index).unwrap()).collect()]
+    [touched, untouched(&made)]
 }
 
 fn judge(skin: &Skin, touched: Vec<Frame>, untouched: Vec<Frame>) -> Vec<Finding> {
@@ -136,7 +145,7 @@ fn campaign(seeds: u64) {
                 println!("{name}, {twin} {seed}: {}", found[0].evidence);
             }
             // What agrees with the model and with each other, but does not belong together.
-            let [_, other] = frames(skin, twin, 29_001 + seed);
+            let other = self::untouched(&made(skin, twin, 29_001 + seed).1);
             for (what, a, b) in [
                 ("untouched frames of another skin", &touched, &other),
                 ("untouched frames of another skin, no touch", &untouched, &other),

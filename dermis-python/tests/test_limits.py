@@ -59,6 +59,22 @@ def test_labels_of_frames_that_do_not_exist_are_refused(skin, presses):
             skin.calibrate(differences, bad, method=method)
 
 
+def test_masked_values_are_refused(skin):
+    frames = np.ma.masked_invalid(np.tile(skin.forward(), (3, 1)))
+    assert len(skin.method("noser").contacts(frames, skin.forward())) == 0
+    frames[1, 4] = np.ma.masked
+    with pytest.raises(dermis.DermisError, match="`frames` has masked values"):
+        skin.method("noser").contacts(frames, skin.forward())
+
+
+def test_useless_calibrations_are_refused(skin, presses):
+    positions, differences = presses
+    with pytest.raises(dermis.DermisError, match="without a calibration|same place|random order"):
+        skin.calibrate(differences, positions[::-1].copy(), method="forward-map")
+    with pytest.warns(UserWarning, match="check that the labels belong to the frames"):
+        skin.calibrate(differences, positions[::-1].copy(), method="forward-map", force=True)
+
+
 def test_frames_with_values_that_are_not_finite_are_refused(skin, presses):
     positions, differences = presses
     calibration = skin.calibrate(differences, positions, method="forward-map")

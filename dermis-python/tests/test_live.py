@@ -3,6 +3,7 @@
 import itertools
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -59,6 +60,15 @@ def test_a_live_skin_is_read_and_its_recording_replayed(skin, tmp_path):
     assert any(len(frame.contacts) for frame in frames)
     # Numbers increase, and so do times.
     assert (np.diff([frame.sequence for frame in frames]) > 0).all()
+
+
+@pytest.mark.parametrize("all_frames", [False, True])
+def test_a_loop_that_is_slow_gets_frames_of_now(skin, all_frames):
+    with dermis.Live(skin, method="noser", all_frames=all_frames) as live:
+        before = next(live).sequence
+        time.sleep(1.5)
+        passed = next(live).sequence - before
+    assert passed == 1 if all_frames else passed > 50
 
 
 def test_devices_and_recordings_that_cannot_be_are_refused(skin, tmp_path):

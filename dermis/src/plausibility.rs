@@ -54,7 +54,7 @@ const MIN_ERROR: f64 = 0.02;
 const MIN_ROWS: usize = 5;
 /// With another baseline: the part of a frame beyond which a change that is the same in all frames is looked at, and how much of it
 /// so many touches must explain. Of the twins' single presses four explain 0.73 and more, of the difference of two skins 0.07 to 0.65.
-const MIN_CHANGE: f64 = 1e-3;
+const MIN_CHANGE: f64 = 5e-4;
 const TOUCHES: usize = 4;
 const MIN_EXPLAINED: f64 = 0.67;
 /// Largest size of an untouched frame over that of the model, and of that over it: sheet resistances differ from their designs by
@@ -103,7 +103,7 @@ impl<'a> Plausibility<'a> {
         let untouched = self.of_untouched(&untouched).into_iter();
         let untouched = untouched.chain(self.of_baseline(baseline).or_else(|| self.of_size(baseline)));
         let frames = match self.of_frames(&frames, baseline) {
-            None => self.of_common_change(&frames, Some(baseline), skin)?,
+            None => self.of_common_change(&frames, &differences.untouched, baseline, skin)?,
             found => found,
         };
         Ok(untouched.chain(frames).collect())
@@ -220,36 +220,50 @@ impl<'a> Plausibility<'a> {
         Some(with_severity(Finding { evidence, fix: "leave them out".into(), ..found }, false))
     }
 
-    /// The change from a baseline that all frames have in common, the part of all change that it is, and its size over that of the
-    /// baseline; `None` for too few. Without a baseline the frames are changes, and the model's frame stands for it.
-    fn common_change(&self, frames: &[Frame], baseline: Option<&Frame>) -> Option<(Frame, f64, f64)> {
+    /// The mean square of the noise of a frame, from untouched frames or their deviations; 0 for too few.
+    fn noise_square(&self, untouched: &[Frame]) -> f64 {
+        let Some(rest) = mean(untouched).filter(|_| untouched.len() >= MIN_ROWS) else { return 0.0 };
+        let off =
+            |frame: &Frame| self.used.iter().map(|&channel| (frame[channel] - rest[channel]).powi(2)).sum::<f64>();
+        untouched.iter().map(off).sum::<f64>() / (untouched.len() - 1) as f64
+    }
+
+    /// The change from a baseline that all frames have in common, without a baseline that of the frames themselves; `None` for too
+    /// few frames, and where it cannot be told from noise.
+    fn common_change(&self, frames: &[Frame], untouched: &[Frame], baseline: Option<&Frame>) -> Option<Common> {
         let rest = |channel: usize| baseline.map_or(0.0, |baseline| baseline[channel]);
         let change = |frame: &Frame| Frame((0..frame.len()).map(|channel| frame[channel] - rest(channel)).collect());
         let common = change(&mean(frames).filter(|_| frames.len() >= MIN_ROWS)?);
         let square = |frame: &Frame| self.used.iter().map(|&channel| frame[channel].powi(2)).sum::<f64>();
         let all = frames.iter().map(|frame| square(&change(frame))).sum::<f64>() / frames.len() as f64;
+        let noise = self.noise_square(untouched);
+        let of_mean = noise / frames.len() as f64 + noise / untouched.len().max(1) as f64;
+        let own = square(&common) - of_mean;
         let whole = square(baseline.unwrap_or(&self.model));
-        let (share, part) = (square(&common) / all, (square(&common) / whole).sqrt());
-        (share.is_finite() && part.is_finite()).then_some((common, share, part))
+        let (share, part) = (own / (all - noise).max(own), (own / whole).sqrt());
+        let is_clear = own > of_mean && share.is_finite() && part.is_finite();
+        is_clear.then(|| Common { noise_part: of_mean / square(&common), change: common, share, part })
     }
 
-    /// What is wrong with frames and their baseline, ohm: the change is the same in all of them, and no touch explains it, as where
-    /// the baseline is of another skin or day, or exchanged with the frames. Without a baseline the frames are changes.
+    /// What is wrong with frames and their baseline, the mean of untouched frames, ohm: the change is the same in all frames, and no
+    /// touch explains it, as where the baseline is of another skin or day, or exchanged with the frames.
     ///
     /// # Errors
     /// A skin whose linear model cannot be computed.
     pub fn of_common_change(
         &self,
         frames: &[Frame],
-        baseline: Option<&Frame>,
+        untouched: &[Frame],
+        baseline: &Frame,
         skin: &Skin,
     ) -> crate::Result<Option<Finding>> {
-        let Some((common, share, part)) = self.common_change(frames, baseline) else { return Ok(None) };
+        let Some(common) = self.common_change(frames, untouched, Some(baseline)) else { return Ok(None) };
+        let Common { ref change, share, part, noise_part } = common;
         if share < COMMON[1] || part < MIN_CHANGE {
             return Ok(None);
         }
         let (jacobian, sign) = (&skin.linearised()?.jacobian, skin.design().sheet.touch.sign());
-        let [explained, turned] = [sign, -sign].map(|sign| self.explained(&common, jacobian, sign));
+        let [explained, turned] = [sign, -sign].map(|sign| self.explained(change, jacobian, sign) / (1.0 - noise_part));
         if explained >= MIN_EXPLAINED {
             return Ok(None);
         }
@@ -297,7 +311,7 @@ impl<'a> Plausibility<'a> {
     /// What is wrong with frames less the untouched frame of the model, ohm: most of their change is the same in all of them, so
     /// that it is the model's error and no touch.
     pub fn of_model_differences(&self, differences: &[Frame]) -> Option<Finding> {
-        let (_, share, part) = self.common_change(differences, None)?;
+        let Common { share, part, .. } = self.common_change(differences, &[], None)?;
         if share < COMMON[0] || part < MIN_ERROR {
             return None;
         }
@@ -463,6 +477,17 @@ impl<'a> Plausibility<'a> {
 
 /// What to do about another order.
 const ORDER: &str = "`dermis check-frames` looks for the order; state it in the design as protocol.pattern = { table = \"channels.csv\" }";
+
+/// A change that all frames have in common.
+struct Common {
+    change: Frame,
+    /// The part of all change, without noise, that it is.
+    share: f64,
+    /// Its size over that of the baseline.
+    part: f64,
+    /// The part of its square that is noise.
+    noise_part: f64,
+}
 
 /// How well a frame fits its baseline.
 struct Judged {

@@ -9,6 +9,10 @@ use crate::mesh::fit::boxes;
 /// Mean edge length as a fraction of the longest allowed: a relaxed mesh has edges up to a fifth longer than the mean.
 const MEAN_OF_LONGEST: f64 = 0.87;
 
+/// How much shorter than elsewhere edges are in a narrow region, at most: a mesh of millions of cells is no answer to a region given
+/// in another unit.
+const MAX_REFINEMENT: f64 = 64.0;
+
 /// Number of squares of the grid by which electrodes near a point are found.
 const SQUARES: f64 = 4096.0;
 
@@ -67,7 +71,8 @@ impl Sizing {
         }
         for region in regions {
             let RegionPlace::Box { low_m, high_m } = region.place else { continue };
-            let side = MEAN_OF_LONGEST * (high_m[0] - low_m[0]).min(high_m[1] - low_m[1]) / CELLS_ACROSS;
+            let across_m = (high_m[0] - low_m[0]).min(high_m[1] - low_m[1]);
+            let side = MEAN_OF_LONGEST * (across_m / CELLS_ACROSS).max(options.max_edge_m / MAX_REFINEMENT);
             features.extend(boxes(chart, low_m, high_m).into_iter().map(|[low, high]| Feature::Box {
                 low,
                 high,
