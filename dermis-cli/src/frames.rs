@@ -128,6 +128,13 @@ impl FrameArguments {
         let left_out = &method.left_out(&skin.design().protocol)?[..];
         let recorded = self.read_recorded(skin, left_out, incomplete)?;
         self.check(skin, &recorded, left_out, method.calibration().is_none())?;
+        if method.depends_on_size()
+            && !self.is_of_model()
+            && let Some(baseline) = mean(&recorded.untouched)
+        {
+            let check = Plausibility::new(&skin.design().protocol, skin.untouched()?, left_out);
+            self.report(self.baseline.as_deref().unwrap_or(&self.frames), check.of_size(&baseline), true)?;
+        }
         let used = recorded.used.clone();
         Ok((recorded.into_differences(), used))
     }
@@ -150,8 +157,7 @@ impl FrameArguments {
         if !self.paired {
             warn_if_unlike(&check, untouched);
         }
-        let of_baseline = check.of_baseline(&baseline).or_else(|| check.of_size(&baseline).filter(|_| needs_model));
-        self.report(self.baseline.as_deref().unwrap_or(&self.frames), of_baseline, needs_model)?;
+        self.report(self.baseline.as_deref().unwrap_or(&self.frames), check.of_baseline(&baseline), needs_model)?;
         let unlike = check.of_frames(frames, &baseline);
         let unlike = match unlike {
             None => check.of_common_change(frames, untouched, &baseline, skin)?,

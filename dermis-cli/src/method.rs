@@ -178,6 +178,11 @@ impl MethodArguments {
         Some(Path::new(self.name())).filter(|folder| is_path(self.name()) && Calibration::is_folder(folder))
     }
 
+    /// Whether strengths and forces depend on the unit of the frames; what is made of data may have one of its own.
+    pub fn depends_on_size(&self) -> bool {
+        self.weighting == Weighting::Plain && !is_path(self.name())
+    }
+
     /// Prepares the method for a skin, without the channels that the untouched frames show to be broken, which a warning
     /// names. Rules that choose alpha from data use the differences.
     pub fn prepare(&self, skin: &Skin, differences: &Differences) -> Outcome<Method> {

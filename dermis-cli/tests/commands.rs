@@ -475,3 +475,13 @@ fn a_mesh_that_is_coarse_at_the_ends_of_arcs_is_named() {
     let error = ends["voltage_error"].as_f64().unwrap();
     assert!(error > 0.001 && error < 0.01 && ends["edge_m"].as_f64().unwrap() > 0.0025, "{ends}");
 }
+
+/// Pictures of a design take no frames; a matrix is written to standard output as frames are.
+#[test]
+fn options_that_would_do_nothing_are_refused() {
+    let at = Workplace::new();
+    at.good("forward skin16 -o frames.csv");
+    assert!(at.refused("plot skin16 --what mesh --frames frames.csv -o p.svg").contains("--what image"));
+    let matrix = at.good("jacobian skin16 -o -");
+    assert!(matrix.lines().count() > 50 && matrix.contains(',') && !at.path("-").exists());
+}

@@ -421,3 +421,12 @@ fn what_was_recorded_with_a_calibration_is_replayed_with_that_one() {
     std::fs::rename(at.path("other"), at.path("own")).unwrap();
     refused(&at, "replay own.mcap --method ./own", &["./own is another one"]);
 }
+
+/// A device that measures nothing is told, though there is no frame to call stale.
+#[test]
+fn a_device_without_a_frame_is_told() {
+    let at = Workplace::new();
+    let output = at.run("live skin16 --method noser --serve off --for 5 --fault silent@0+100 --jsonl -");
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.stdout.is_empty() && text.contains("no frame has arrived"), "{text}");
+}

@@ -52,7 +52,17 @@ impl Method {
         baseline: Option<&Bound<'_, PyAny>>,
         force: bool,
     ) -> Outcome<(Differences, bool)> {
-        differences(py, &self.skin, frames, baseline, force)
+        let (differences, is_single) = differences(py, &self.skin, frames, baseline, force)?;
+        // What is made of data may have units of its own.
+        let name = self.method.name();
+        if let Some(baseline) = differences.baseline.as_ref().filter(|_| !method::is_path(name) && name != IN_MEMORY) {
+            let skin = self.skin.skin();
+            let check = Plausibility::new(&skin.design().protocol, skin.untouched().map_err(Failure::given)?, &[]);
+            if let Some(Finding { evidence, fix, .. }) = check.of_size(baseline) {
+                doubt(py, &evidence, &fix, false)?;
+            }
+        }
+        Ok((differences, is_single))
     }
 }
 

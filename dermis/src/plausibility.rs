@@ -57,6 +57,8 @@ const MIN_ROWS: usize = 5;
 const MIN_CHANGE: f64 = 5e-4;
 const TOUCHES: usize = 4;
 const MIN_EXPLAINED: f64 = 0.67;
+/// ... and the largest part of a frame that they may leave unexplained: up to six touches of the twins leave 0.02, another skin 0.07.
+const MAX_UNEXPLAINED: f64 = 0.05;
 /// Largest size of an untouched frame over that of the model, and of that over it: sheet resistances differ from their designs by
 /// less, units by more.
 const LARGEST_SCALE: f64 = 30.0;
@@ -101,7 +103,7 @@ impl<'a> Plausibility<'a> {
         let add = |difference: &Frame| Frame(difference.iter().zip(baseline.iter()).map(|(a, b)| a + b).collect());
         let [frames, untouched] = [frames, untouched].map(|frames| frames.iter().map(add).collect::<Vec<Frame>>());
         let untouched = self.of_untouched(&untouched).into_iter();
-        let untouched = untouched.chain(self.of_baseline(baseline).or_else(|| self.of_size(baseline)));
+        let untouched = untouched.chain(self.of_baseline(baseline));
         let frames = match self.of_frames(&frames, baseline) {
             None => self.of_common_change(&frames, &differences.untouched, baseline, skin)?,
             found => found,
@@ -236,7 +238,8 @@ impl<'a> Plausibility<'a> {
         let common = change(&mean(frames).filter(|_| frames.len() >= MIN_ROWS)?);
         let square = |frame: &Frame| self.used.iter().map(|&channel| frame[channel].powi(2)).sum::<f64>();
         let all = frames.iter().map(|frame| square(&change(frame))).sum::<f64>() / frames.len() as f64;
-        let noise = self.noise_square(untouched);
+        // Where frames and untouched ones are exchanged, the frames vary less.
+        let noise = self.noise_square(untouched).min(self.noise_square(frames));
         let of_mean = noise / frames.len() as f64 + noise / untouched.len().max(1) as f64;
         let own = square(&common) - of_mean;
         let whole = square(baseline.unwrap_or(&self.model));
@@ -264,7 +267,7 @@ impl<'a> Plausibility<'a> {
         }
         let (jacobian, sign) = (&skin.linearised()?.jacobian, skin.design().sheet.touch.sign());
         let [explained, turned] = [sign, -sign].map(|sign| self.explained(change, jacobian, sign) / (1.0 - noise_part));
-        if explained >= MIN_EXPLAINED {
+        if explained >= MIN_EXPLAINED && part * (1.0 - explained).max(0.0).sqrt() <= MAX_UNEXPLAINED {
             return Ok(None);
         }
         let evidence = format!(

@@ -515,7 +515,7 @@ impl<'a> Check<'a> {
         let dead: Vec<usize> = self.dead.iter().copied().filter(|channel| !is_explained(channel)).collect();
         let constant = self.constant.iter().filter(|channel| !is_explained(channel)).count();
         self.findings.extend(values::dead(dead, constant, describe::NOISE));
-        self.findings.extend(values::saturated(&self.columns, self.untouched.as_deref(), &self.dead));
+        self.findings.extend(values::saturated(&self.columns, self.recording.untouched, &self.dead));
         self.findings.extend(values::outliers(&self.columns, &self.dead));
         let magnitude = match &self.untouched {
             Some(untouched) => magnitude::of_untouched(untouched, &self.model.untouched),

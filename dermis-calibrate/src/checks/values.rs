@@ -59,10 +59,17 @@ pub(crate) fn dead(channels: Vec<usize>, constant: usize, explained: f64) -> Opt
     (!channels.is_empty()).then(|| found.at_channels(channels))
 }
 
-/// Channels whose values pile up at their largest or smallest value, which is not their untouched one: coarse steps hide small
-/// changes, and touches change a channel in one direction.
-pub(crate) fn saturated(columns: &[Vec<f64>], untouched: Option<&[f64]>, dead: &[usize]) -> Option<Finding> {
-    let rest = |channel: usize| untouched.map_or_else(|| upper_median(&columns[channel]), |rest| Some(rest[channel]));
+/// Channels whose values pile up at their largest or smallest value, which is not among their untouched ones, without these not the
+/// median: coarse steps hide small changes, and touches change a channel in one direction.
+pub(crate) fn saturated(columns: &[Vec<f64>], untouched: &[Frame], dead: &[usize]) -> Option<Finding> {
+    let rest = |channel: usize| {
+        let values = untouched.iter().map(|frame| frame[channel]);
+        let range = values.fold(None, |range: Option<[f64; 2]>, value| {
+            let [low, high] = range.unwrap_or([value; 2]);
+            Some([low.min(value), high.max(value)])
+        });
+        range.or_else(|| upper_median(&columns[channel]).map(|median| [median; 2]))
+    };
     let piled: Vec<(usize, f64)> = (0..columns.len())
         .filter(|channel| !dead.contains(channel))
         .filter_map(|channel| Some((channel, piled_part(&columns[channel], rest(channel)?)?)))
@@ -74,8 +81,8 @@ pub(crate) fn saturated(columns: &[Vec<f64>], untouched: Option<&[f64]>, dead: &
     (!piled.is_empty()).then(|| found.at_channels(piled.into_iter().map(|(channel, _)| channel).collect()))
 }
 
-/// The part of the values at a limit, where they pile up; not at the untouched value `rest`.
-fn piled_part(column: &[f64], rest: f64) -> Option<f64> {
+/// The part of the values at a limit, where they pile up; not at the untouched values, which are in a range.
+fn piled_part(column: &[f64], [rest_low, rest_high]: [f64; 2]) -> Option<f64> {
     let sorted = sorted(column.iter().copied());
     let (low, high) = (*sorted.first()?, *sorted.last()?);
     let beside = BESIDE * (high - low);
@@ -86,7 +93,8 @@ fn piled_part(column: &[f64], rest: f64) -> Option<f64> {
         let (at, near) = (at(limit), near(limit));
         let enough = at >= PILED_ROWS && at as f64 >= PILED * sorted.len() as f64;
         let alone = at >= PILED_RATIO * near && at >= PILED_OVER * most_frequent_between(&sorted, [low, high]);
-        (enough && alone && high > low && (limit - rest).abs() > step).then_some(at as f64 / sorted.len() as f64)
+        let is_rest = (rest_low - step..=rest_high + step).contains(&limit);
+        (enough && alone && high > low && !is_rest).then_some(at as f64 / sorted.len() as f64)
     };
     [low, high].into_iter().filter_map(piled).reduce(f64::max)
 }
@@ -167,21 +175,21 @@ mod tests {
         // Levels of the converter over a current that varies by 1 %; the lowest is as frequent as the others.
         let column: Vec<f64> =
             (0..420_i32).map(|row| f64::from(1 + row % 12) / (100.0 + f64::from(row % 7 / 6))).collect();
-        assert!(saturated(&[column], None, &[]).is_none());
+        assert!(saturated(&[column], &[], &[]).is_none());
     }
 
     #[test]
     fn small_changes_from_the_untouched_value_are_not_saturated() {
         let column: Vec<f64> = (0..30).map(|row| if row % 7 == 6 { 1.1 } else { 1.0 }).collect();
-        assert!(saturated(std::slice::from_ref(&column), Some(&[1.01]), &[]).is_none());
-        assert!(saturated(std::slice::from_ref(&column), None, &[]).is_none());
-        assert!(saturated(&[column], Some(&[0.5]), &[]).is_some());
+        assert!(saturated(std::slice::from_ref(&column), &[Frame(vec![1.01])], &[]).is_none());
+        assert!(saturated(std::slice::from_ref(&column), &[], &[]).is_none());
+        assert!(saturated(&[column], &[Frame(vec![0.5])], &[]).is_some());
     }
 
     #[test]
     fn constants_limits_and_outliers_are_told_apart() {
         let mut columns: Vec<Vec<f64>> = (0..8).map(|k| wave(200, f64::from(k))).collect();
-        assert!(constant_channels(&columns).is_empty() && saturated(&columns, None, &[]).is_none());
+        assert!(constant_channels(&columns).is_empty() && saturated(&columns, &[], &[]).is_none());
         assert!(outliers(&columns, &[]).is_empty());
         columns[2] = vec![3.0; 200];
         columns[5].iter_mut().for_each(|value| *value = value.min(0.8));
@@ -189,9 +197,9 @@ mod tests {
         columns.iter_mut().for_each(|column| column[90] += 30.0);
         let dead = constant_channels(&columns);
         assert_eq!(dead, vec![2]);
-        assert_eq!(saturated(&columns, None, &dead).map(|found| found.channels), None, "one frame is above the limit");
+        assert_eq!(saturated(&columns, &[], &dead).map(|found| found.channels), None, "one frame is above the limit");
         columns.iter_mut().for_each(|column| column[90] -= 30.0);
-        assert_eq!(saturated(&columns, None, &dead).map(|found| found.channels), Some(vec![5]));
+        assert_eq!(saturated(&columns, &[], &dead).map(|found| found.channels), Some(vec![5]));
         columns.iter_mut().for_each(|column| column[90] += 30.0);
         let found = outliers(&columns, &dead);
         assert_eq!((found[0].kind, &found[0].rows[..]), (FindingKind::OutlierFrame, &[90][..]));
