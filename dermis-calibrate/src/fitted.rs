@@ -5,6 +5,7 @@ use crate::correction::{Correction, CorrectionQuality};
 use crate::error::CalibrateError;
 use crate::matching::MIN_EVIDENCE;
 use crate::strength::UnusedForces;
+use dermis::contact::GATE_M;
 use dermis::design::SkinDesign;
 use dermis::frame::Differences;
 use dermis::geom::Point3;
@@ -37,8 +38,8 @@ pub struct Alternatives {
 
 impl Alternatives {
     /// What to do where a calibration is of no use.
-    pub const FIX: &str = "check that the labels belong to the frames, their rows, units and axes (dermis check-frames --truth), or \
-                           label more presses";
+    pub const FIX: &str = "check that the labels belong to the frames, their rows, units and axes (dermis check-frames \
+                           --truth), or label more presses";
 
     /// Those of some labels; `uncalibrated` are the skin's own methods.
     fn of(skin: &Skin, labels: &[Label], frame: LabelFrame, uncalibrated: Vec<(String, f64)>) -> Self {
@@ -67,8 +68,12 @@ impl Alternatives {
         if let Fitted::Correction(correction) = fitted {
             let CorrectionQuality { found, elsewhere, .. } = *correction.quality();
             if elsewhere > found {
-                let apart = format!("have their contacts of {} more than 20 mm from their labels", correction.method());
-                return Some(format!("{elsewhere} of {} {apart}", counted(elsewhere + found, "touched frame")));
+                return Some(format!(
+                    "{elsewhere} of {} have their contacts of {} more than {:.0} mm from their labels",
+                    counted(elsewhere + found, "touched frame"),
+                    correction.method(),
+                    1e3 * GATE_M
+                ));
             }
         }
         self.reason_of(fitted.with_misses_m(), fitted.evidence())
@@ -204,11 +209,12 @@ impl Fitted {
     /// is larger than the errors it leaves.
     pub fn doubt(&self) -> Option<String> {
         let Fitted::Correction(correction) = self else { return None };
-        let CorrectionQuality { common_shift_m, mean_error_m, .. } = *correction.quality();
-        let shift_m = common_shift_m.filter(|shift_m| *shift_m > mean_error_m)?;
+        let CorrectionQuality { common_shift_m, mean_error_before_m, mean_error_m, .. } = *correction.quality();
+        let is_most = |shift_m: &f64| *shift_m > mean_error_m && *shift_m > 0.5 * mean_error_before_m;
+        let shift_m = common_shift_m.filter(is_most)?;
         Some(format!(
-            "the labels lie {:.1} mm from the contacts of {}, all of them in the same direction, and the calibration shifts its \
-             contacts by that: check the origin of the labels and the place of the electrodes",
+            "the labels lie on average {:.1} mm in one direction from the contacts of {}, and the calibration shifts these by \
+             that: check the origin of the labels and the place of the electrodes",
             1e3 * shift_m,
             correction.method()
         ))

@@ -55,7 +55,7 @@ fn gain_of(apart: &Mat<f64>) -> (f64, f64) {
     let paired: f64 = (0..count).map(|index| apart[(index, index)]).sum();
     // Rounding alone is no variance.
     let sd = centred.norm_l2() / ((count - 1) as f64).sqrt();
-    let variance = if sd > f64::EPSILON * count as f64 * whole { sd * sd } else { 0.0 };
+    let variance = if sd > f64::EPSILON * count as f64 * whole.abs() { sd * sd } else { 0.0 };
     (count as f64 * whole - paired, variance)
 }
 

@@ -168,7 +168,7 @@ fn labels_beside_their_contacts_are_told() {
     };
     let (reason, doubt) = moved(&|_| [0.01, 0.0, 0.0]);
     assert_eq!(reason, None);
-    assert!(doubt.unwrap().contains("all of them in the same direction"));
+    assert!(doubt.unwrap().contains("in one direction from the contacts"));
     let (reason, _) = moved(&|row| [if row % 3 == 0 { 0.0 } else { 0.05 }, 0.0, 0.0]);
     assert!(reason.unwrap().contains("66 of 100 touched frames"));
 }

@@ -47,9 +47,10 @@ impl MethodSource for Networks {
             (false, false) => return Ok(None),
         };
         options.check_not_linear(name)?;
-        let model = Model::named(name, skin)?.without(&options.excluded)?;
+        let model = Model::named(name, skin)?;
+        // Without some channels it is still the same network.
         let card = serde_json::to_string_pretty(model.card()).expect("a card is JSON");
-        Ok(Some(Method::new(name, label, Arc::new(model)).with_card(card)))
+        Ok(Some(Method::new(name, label, Arc::new(model.without(&options.excluded)?)).with_card(card)))
     }
 }
 

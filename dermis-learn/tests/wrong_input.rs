@@ -55,7 +55,11 @@ fn frames(skin: &Skin, twin: &str, seed: u64) -> [Vec<Frame>; 2] {
 
 fn judge(skin: &Skin, touched: Vec<Frame>, untouched: Vec<Frame>) -> Vec<Finding> {
     let rest = skin.forward().solve(skin.forward().rest_conductivity()).unwrap();
-    Plausibility::new(&skin.design().protocol, &rest, &[]).of(&Differences::new(touched, untouched), skin).unwrap()
+    let (check, differences) =
+        (Plausibility::new(&skin.design().protocol, &rest, &[]), Differences::new(touched, untouched));
+    let found = check.of(&differences, skin).unwrap();
+    let of_size = differences.baseline.as_ref().filter(|_| found.is_empty()).and_then(|rest| check.of_size(rest));
+    found.into_iter().chain(of_size).collect()
 }
 
 /// Changes of touched and untouched frames.

@@ -102,7 +102,7 @@ fn contiguous<'py>(value: &Bound<'py, PyAny>, argument: &str) -> Outcome<Bound<'
     if value.hasattr("mask")? && numpy.getattr("ma")?.call_method1("is_masked", (value,))?.is_truthy()? {
         return Err(Failure::with_hint(
             format!("`{argument}` has masked values"),
-            "leave their rows out, or fill them with NaN",
+            "leave their rows out, or give the values",
         ));
     }
     let options = PyDict::new(py);

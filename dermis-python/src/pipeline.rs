@@ -333,18 +333,21 @@ impl Live {
         if !self.threads.are_here() {
             return Err(Failure::with_hint("this live skin is read by another process", "open one in this process"));
         }
+        // Of frames that have waited for the caller only the newest is of now.
+        let mut late: Option<Arc<LiveFrame>> = None;
+        let given = |frame: Arc<LiveFrame>| Ok(Some(Frame { skin: self.skin.clone(), frame: frame.result.clone() }));
         loop {
             py.check_signals()?;
-            match py.detach(|| self.mailbox.take(LOOK)) {
+            let patience = if late.is_some() { Duration::ZERO } else { LOOK };
+            match py.detach(|| self.mailbox.take(patience)) {
                 Popped::Item(Event::Frame(frame) | Event::Stale(frame)) => {
-                    let LiveFrame { result, output_at, .. } = &*frame;
-                    // Of frames that have waited for the caller only the newest is of now.
-                    let waited_s = clock::now().seconds_since(*output_at);
-                    if !self.keeps_all && waited_s > LOOK.as_secs_f64() && !self.mailbox.is_empty() {
-                        continue;
+                    let waited_s = clock::now().seconds_since(frame.output_at);
+                    if self.keeps_all || waited_s <= LOOK.as_secs_f64() {
+                        return given(frame);
                     }
-                    return Ok(Some(Frame { skin: self.skin.clone(), frame: result.clone() }));
+                    late = Some(frame);
                 }
+                Popped::TimedOut | Popped::Closed if late.is_some() => return late.map_or(Ok(None), given),
                 Popped::Item(Event::Notice(Notice { text, .. })) => self.notices.add(text),
                 Popped::Item(Event::Lost(why)) => self.notices.add(why),
                 Popped::Item(_) | Popped::TimedOut => {}

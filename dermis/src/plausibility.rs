@@ -197,8 +197,8 @@ impl<'a> Plausibility<'a> {
         Some(Finding::new(FindingKind::UnlikeBaseline, whole as f64 / differences.len() as f64, evidence, fix))
     }
 
-    /// What is doubtful about the size of an untouched frame that agrees with the model: no coat is so far from its design, so that
-    /// the values are not in ohm, and strengths and forces mean nothing.
+    /// What is doubtful about the size of an untouched frame: no coat is so far from its design, so that the values are not in ohm,
+    /// and strengths and forces mean nothing.
     pub fn of_size(&self, baseline: &Frame) -> Option<Finding> {
         let ratio = self.ratio(baseline, &self.model);
         if !(ratio.is_finite() && ratio > 0.0) || (1.0 / LARGEST_SCALE..=LARGEST_SCALE).contains(&ratio) {
@@ -231,21 +231,19 @@ impl<'a> Plausibility<'a> {
     }
 
     /// The change from a baseline that all frames have in common, without a baseline that of the frames themselves; `None` for too
-    /// few frames, and where it cannot be told from noise.
-    fn common_change(&self, frames: &[Frame], untouched: &[Frame], baseline: Option<&Frame>) -> Option<Common> {
+    /// few frames, and where it cannot be told from noise. `noise` are the mean squares of the noise of a frame and of the change.
+    fn common_change(&self, frames: &[Frame], baseline: Option<&Frame>, noise: [f64; 2]) -> Option<Common> {
         let rest = |channel: usize| baseline.map_or(0.0, |baseline| baseline[channel]);
         let change = |frame: &Frame| Frame((0..frame.len()).map(|channel| frame[channel] - rest(channel)).collect());
         let common = change(&mean(frames).filter(|_| frames.len() >= MIN_ROWS)?);
         let square = |frame: &Frame| self.used.iter().map(|&channel| frame[channel].powi(2)).sum::<f64>();
         let all = frames.iter().map(|frame| square(&change(frame))).sum::<f64>() / frames.len() as f64;
-        // Where frames and untouched ones are exchanged, the frames vary less.
-        let noise = self.noise_square(untouched).min(self.noise_square(frames));
-        let of_mean = noise / frames.len() as f64 + noise / untouched.len().max(1) as f64;
-        let own = square(&common) - of_mean;
+        let [of_frame, of_change] = noise;
+        let own = square(&common) - of_change;
         let whole = square(baseline.unwrap_or(&self.model));
-        let (share, part) = (own / (all - noise).max(own), (own / whole).sqrt());
-        let is_clear = own > of_mean && share.is_finite() && part.is_finite();
-        is_clear.then(|| Common { noise_part: of_mean / square(&common), change: common, share, part })
+        let (share, part) = (own / (all - of_frame).max(own), (own / whole).sqrt());
+        let is_clear = own > of_change && share.is_finite() && part.is_finite();
+        is_clear.then(|| Common { noise_part: of_change / square(&common), change: common, share, part })
     }
 
     /// What is wrong with frames and their baseline, the mean of untouched frames, ohm: the change is the same in all frames, and no
@@ -260,28 +258,35 @@ impl<'a> Plausibility<'a> {
         baseline: &Frame,
         skin: &Skin,
     ) -> crate::Result<Option<Finding>> {
-        let Some(common) = self.common_change(frames, untouched, Some(baseline)) else { return Ok(None) };
-        let Common { ref change, share, part, noise_part } = common;
-        if share < COMMON[1] || part < MIN_CHANGE {
-            return Ok(None);
-        }
-        let (jacobian, sign) = (&skin.linearised()?.jacobian, skin.design().sheet.touch.sign());
-        let [explained, turned] = [sign, -sign].map(|sign| self.explained(change, jacobian, sign) / (1.0 - noise_part));
-        if explained >= MIN_EXPLAINED && part * (1.0 - explained).max(0.0).sqrt() <= MAX_UNEXPLAINED {
-            return Ok(None);
-        }
-        let evidence = format!(
-            "all frames differ from the untouched one by the same {:.1} %, of which touches explain {:.0} %",
-            100.0 * part,
-            100.0 * explained
-        );
-        let fix = match turned >= MIN_EXPLAINED {
-            true => "the frames and the untouched ones are probably exchanged",
-            false => {
-                "give untouched frames of the same skin, taken just before; check that they and the frames are not exchanged"
+        let [of_frames, of_untouched] = [frames, untouched].map(|frames| self.noise_square(frames));
+        let [of_mean, of_rest] = [frames.len(), untouched.len()].map(|count| 1.0 / count.max(1) as f64);
+        // Touches are no noise: of frames and untouched ones those tell the noise of a frame that vary less.
+        let noise = of_frames.min(of_untouched);
+        let as_given = self.common_change(frames, Some(baseline), [noise, noise * of_mean + of_untouched * of_rest]);
+        let as_exchanged = self.common_change(frames, Some(baseline), [noise, noise * (of_mean + of_rest)]);
+        for (common, is_exchanged) in [(as_given, false), (as_exchanged, true)] {
+            let is_large = |common: &Common| common.share >= COMMON[1] && common.part >= MIN_CHANGE;
+            let Some(Common { change, part, noise_part, .. }) = common.filter(is_large) else { continue };
+            let (jacobian, sign) = (&skin.linearised()?.jacobian, skin.design().sheet.touch.sign());
+            let [explained, turned] =
+                [sign, -sign].map(|sign| self.explained(&change, jacobian, sign) / (1.0 - noise_part));
+            let is_touch = explained >= MIN_EXPLAINED && part * (1.0 - explained).max(0.0).sqrt() <= MAX_UNEXPLAINED;
+            if is_touch || is_exchanged && turned < MIN_EXPLAINED {
+                continue;
             }
-        };
-        Ok(Some(with_severity(Finding::new(FindingKind::UnlikeBaseline, explained, evidence, fix), false)))
+            let evidence = format!(
+                "all frames differ from the untouched one by the same {:.1} %, of which touches explain {:.0} %",
+                100.0 * part,
+                100.0 * explained.clamp(0.0, 1.0)
+            );
+            let fix = match turned >= MIN_EXPLAINED {
+                true => "the frames and the untouched ones are probably exchanged",
+                false => "give untouched frames of the same skin, taken just before",
+            };
+            let found = Finding::new(FindingKind::UnlikeBaseline, explained, evidence, fix);
+            return Ok(Some(with_severity(found, false)));
+        }
+        Ok(None)
     }
 
     /// The part of a change that some small touches explain: matching pursuit (Mallat and Zhang 1993, DOI 10.1109/78.258082) with
@@ -314,7 +319,7 @@ impl<'a> Plausibility<'a> {
     /// What is wrong with frames less the untouched frame of the model, ohm: most of their change is the same in all of them, so
     /// that it is the model's error and no touch.
     pub fn of_model_differences(&self, differences: &[Frame]) -> Option<Finding> {
-        let Common { share, part, .. } = self.common_change(differences, &[], None)?;
+        let Common { share, part, .. } = self.common_change(differences, None, [0.0; 2])?;
         if share < COMMON[0] || part < MIN_ERROR {
             return None;
         }

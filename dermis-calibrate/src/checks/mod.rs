@@ -171,7 +171,7 @@ pub fn realigned(frames: &[Frame], lags: &[i32]) -> Result<Vec<Frame>, Calibrate
 }
 
 /// Median force of presses above which they are hardly in newton, N: people and robots touch each other with less (ISO/TS 15066
-/// permits 280 N at most for a moment), and coats of fabric and foam end at a few ten.
+/// permits 280 N for a moment at a hand), and coats of fabric and foam end at a few ten.
 const LARGEST_FORCE_N: f64 = 100.0;
 
 /// Forces of labels that are hardly in newton.
@@ -187,7 +187,7 @@ pub fn check_forces(labels: &[Label]) -> Option<Finding> {
 /// What is wrong with the positions and forces of labels, by the differences that they are of.
 ///
 /// # Errors
-/// As [`check_recording`].
+/// A label of a frame that does not exist; as [`check_recording`].
 pub fn check_labels(
     skin: &Skin,
     differences: &[Frame],
@@ -195,11 +195,22 @@ pub fn check_labels(
     label_frame: LabelFrame,
 ) -> Result<Vec<Finding>, CalibrateError> {
     use FindingKind::{TruthAxes, TruthShifted, TruthUnrelated};
-    let frames: Vec<Frame> = labels.iter().map(|label| differences[label.row].clone()).collect();
+    if labels.is_empty() {
+        return Ok(Vec::new());
+    }
+    let frame = |label: &Label| {
+        let message = || CalibrateError::Label(format!("a label names frame {}, which does not exist", label.row));
+        differences.get(label.row).cloned().ok_or_else(message)
+    };
+    let frames = labels.iter().map(frame).collect::<Result<Vec<Frame>, CalibrateError>>()?;
     let positions_m: Vec<Point3> = labels.iter().map(|label| label.position_m).collect();
     let recording = Recording { frames: &frames, untouched: &[], positions_m: Some(&positions_m), label_frame };
     let mut findings = check_recording(skin, &recording)?.findings;
     findings.retain(|finding| matches!(finding.kind, TruthAxes | TruthShifted | TruthUnrelated));
+    for shifted in findings.iter_mut().filter(|finding| finding.kind == TruthShifted) {
+        shifted.fix =
+            format!("the labels are those of presses {} on: check their order", counted(shifted.lag, "place"));
+    }
     findings.extend(check_forces(labels));
     Ok(findings)
 }

@@ -17,6 +17,8 @@ const PILED_RATIO: usize = 2;
 const BESIDE: f64 = 0.05;
 /// ... and this many times the most frequent of the values between its limits: those of a coarsely quantized channel all come often.
 const PILED_OVER: usize = 3;
+/// Fewest different values of a channel whose steps are no longer coarse.
+const MAX_LEVELS: usize = 10;
 /// A value is an outlier if it is this many times farther from the median than 99 % of its channel's values, ...
 const FAR_VALUE: f64 = 30.0;
 /// ... and at most this part of the frame's other values are farther than [`FAR_FRAME`]: a hard press shows in many
@@ -59,8 +61,8 @@ pub(crate) fn dead(channels: Vec<usize>, constant: usize, explained: f64) -> Opt
     (!channels.is_empty()).then(|| found.at_channels(channels))
 }
 
-/// Channels whose values pile up at their largest or smallest value, which is not among their untouched ones, without these not the
-/// median: coarse steps hide small changes, and touches change a channel in one direction.
+/// Channels whose values pile up at their largest or smallest value. Of few levels it is not the untouched one, or without untouched
+/// frames the median: coarse steps hide small changes, and touches change a channel in one direction.
 pub(crate) fn saturated(columns: &[Vec<f64>], untouched: &[Frame], dead: &[usize]) -> Option<Finding> {
     let rest = |channel: usize| {
         let values = untouched.iter().map(|frame| frame[channel]);
@@ -86,6 +88,7 @@ fn piled_part(column: &[f64], [rest_low, rest_high]: [f64; 2]) -> Option<f64> {
     let sorted = sorted(column.iter().copied());
     let (low, high) = (*sorted.first()?, *sorted.last()?);
     let beside = BESIDE * (high - low);
+    let levels = sorted.chunk_by(|a, b| a == b).count();
     let step = sorted.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min);
     let at = |limit: f64| sorted.iter().filter(|value| **value == limit).count();
     let near = |limit: f64| sorted.iter().filter(|value| **value != limit && (**value - limit).abs() <= beside).count();
@@ -93,7 +96,7 @@ fn piled_part(column: &[f64], [rest_low, rest_high]: [f64; 2]) -> Option<f64> {
         let (at, near) = (at(limit), near(limit));
         let enough = at >= PILED_ROWS && at as f64 >= PILED * sorted.len() as f64;
         let alone = at >= PILED_RATIO * near && at >= PILED_OVER * most_frequent_between(&sorted, [low, high]);
-        let is_rest = (rest_low - step..=rest_high + step).contains(&limit);
+        let is_rest = levels <= MAX_LEVELS && (rest_low - step..=rest_high + step).contains(&limit);
         (enough && alone && high > low && !is_rest).then_some(at as f64 / sorted.len() as f64)
     };
     [low, high].into_iter().filter_map(piled).reduce(f64::max)

@@ -22,7 +22,7 @@ pub struct Converted {
     pub picture: [usize; 2],
     /// Contacts in all frames.
     pub contacts: usize,
-    /// What was skipped: damaged parts and frames, and a truncated end.
+    /// What was skipped: damaged parts and frames, frames of another skin, and a truncated end.
     pub left_out: Vec<String>,
     /// How many of these are damaged.
     pub damaged: usize,
@@ -179,7 +179,7 @@ fn tables(path: &Path, folder: &Path) -> Result<(Converted, Columns), RecordErro
     let (mut converted, mut columns) = (Converted::default(), Columns::default());
     while let Some(row) = rows.next()? {
         if !converted.takes(&row) {
-            rows.leave_out(format!("frame {}: of another size than the first", row.sequence));
+            rows.left_out.push(format!("frame {}: of another size than the first", row.sequence));
             continue;
         }
         frame_line(&mut frames, &row.values).map_err(io)?;

@@ -40,8 +40,10 @@ struct Frames {
     arrived: Instant,
     /// Mean interval between frames, s.
     interval_s: f64,
-    /// When the last frame, or the absence of the first one, was reported.
+    /// When the last frame was reported as stale.
     reported: Option<Instant>,
+    /// Whether the absence of the first one was reported.
+    is_missing_told: bool,
     gaps: NoticeLimit,
     /// Whether the end of an interruption is reported, as its start was.
     tells_end: bool,
@@ -54,6 +56,7 @@ impl Watch {
             arrived: Instant::now(),
             interval_s: 0.0,
             reported: None,
+            is_missing_told: false,
             gaps: NoticeLimit::new(GAPS, GAP_INTERVAL),
             tells_end: false,
         };
@@ -117,12 +120,12 @@ impl Watch {
             // Nothing is connected yet.
             frames.arrived = Instant::now();
         }
-        let is_missing = frames.last.is_none() && frames.reported.is_none() && frames.arrived.elapsed() > FIRST;
-        if is_missing && self.is_live {
-            frames.reported = Some(Instant::now());
-            let text =
-                "the device is connected, but no frame has arrived: does it measure, and is its format the stated one?";
-            self.shared.notice(Severity::Error, text.into());
+        let is_missing = frames.last.is_none() && !is_busy && frames.arrived.elapsed() > FIRST;
+        if is_missing && self.is_live && !frames.is_missing_told {
+            frames.is_missing_told = true;
+            let text = "the device is connected, but no frame has arrived for 2 s: does it measure, and is its format the \
+                        stated one?";
+            self.shared.notice(Severity::Warning, text.into());
         }
         if let Some((stale, is_first)) = frames.stale() {
             if is_first {

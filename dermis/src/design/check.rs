@@ -46,6 +46,9 @@ const MAX_PIXELS: usize = 1_000_000;
 /// Maximum number of cells of a mesh.
 const MAX_CELLS: f64 = 1e7;
 
+/// Parts of an arc whose distance from another electrode is computed.
+const ARC_PARTS: u32 = 256;
+
 /// Distance from an edge, relative to the body, that counts as rounding error.
 const ROUNDING: f64 = 1e-9;
 
@@ -205,10 +208,10 @@ fn impedance(index: usize, value: f64, ratio: Option<f64>) -> Result<(), Problem
             let message = format!(
                 "its contact has {ratio:.0e} of the sheet resistance, and {least:.0e} to {most:.0e} can be computed"
             );
-            let fix = format!(
-                "for a perfect contact give {:.0e}; leave an electrode without contact out of the protocol",
-                value * least / ratio
-            );
+            let fix = match ratio < least {
+                true => format!("{:.0e} is as good as a perfect contact", 10.0 * value * least / ratio),
+                false => "leave an electrode without contact out of the protocol".into(),
+            };
             Err(wrong(message).fix(fix))
         }
     }
@@ -267,7 +270,7 @@ fn overlaps(body: &Body, electrodes: &[Electrode]) -> Result<(), Problem> {
         for (i, a) in electrodes[..j].iter().enumerate() {
             let (what, apart_m, needed_m) = apart_m(body, a, b);
             // Rounding may leave a tiny gap between two electrodes that touch; no mesh fits into it.
-            if apart_m <= needed_m * (1.0 + ROUNDING) {
+            if apart_m <= (needed_m + SMALLEST_ELECTRODE_M * ROUNDING) * (1.0 + ROUNDING) {
                 let message = format!(
                     "electrodes {i} and {j} overlap: {what} {} mm apart, and they reach {} mm",
                     millimetres(apart_m),
@@ -315,10 +318,11 @@ fn apart_m(body: &Body, a: &Electrode, b: &Electrode) -> (&'static str, f64, f64
     };
     let Some((edge, (middle, _))) = on_edge(arc) else { return between_centres() };
     let place = chart.unroll(other.centre_m);
+    let part = |k: u32| middle + half_m * (f64::from(2 * k) / f64::from(ARC_PARTS) - 1.0);
+    let to_parts_m =
+        (0..=ARC_PARTS).map(|k| chart.distance_m(place, edge.point(part(k)))).fold(f64::INFINITY, f64::min);
     let (nearest, off_m) = edge.nearest(place);
-    let to = |s: f64| chart.distance_m(place, edge.point(s));
-    let ends_m = to(middle - half_m).min(to(middle + half_m));
-    let apart_m = if edge.arc_m(middle, nearest) <= half_m { off_m.min(ends_m) } else { ends_m };
+    let apart_m = if edge.arc_m(middle, nearest) <= half_m { off_m.min(to_parts_m) } else { to_parts_m };
     ("the arc and the centre of the other are", apart_m, reach_m(other.shape))
 }
 

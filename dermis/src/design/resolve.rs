@@ -443,15 +443,25 @@ fn mesh_options(body: &Body, electrodes: &[Electrode], table: Option<&MeshTable>
     }
 }
 
-/// Where a key is given after a place in the text.
+/// Where a key is given in the table that begins at a place in the text.
 fn key_span(text: &str, from: usize, key: &str) -> Option<Range<usize>> {
-    let text = &text[from..];
-    let is_key = |at: usize| {
-        text[..at].trim_end_matches([' ', '\t']).ends_with(['\n', '{', ','])
-            && text[at + key.len()..].trim_start().starts_with('=')
-    };
-    let at = text.match_indices(key).map(|(at, _)| at).find(|&at| is_key(at))?;
-    Some(from + at..from + at + key.len())
+    let mut start = from;
+    for line in text[from..].split_inclusive('\n') {
+        if start > from && line.trim_start().starts_with('[') {
+            break;
+        }
+        // What follows a hash is a comment: no value of the table is a text.
+        let told = line.split('#').next().unwrap_or_default();
+        let is_key = |at: usize| {
+            let before = told[..at].trim_end();
+            (before.is_empty() || before.ends_with(['{', ','])) && told[at + key.len()..].trim_start().starts_with('=')
+        };
+        if let Some(at) = told.match_indices(key).map(|(at, _)| at).find(|&at| is_key(at)) {
+            return Some(start + at..start + at + key.len());
+        }
+        start += line.len();
+    }
+    None
 }
 
 /// A fiftieth of the side of a square with the body's area: 6 mm on the paper's skin.

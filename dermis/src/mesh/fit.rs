@@ -54,7 +54,8 @@ impl Mesh {
             }
             if let Some(part) = self.covered_part(design, region).filter(|part| (part - 1.0).abs() > MAX_AREA_ERROR) {
                 let message = format!(
-                    "the cells of the region `{}` of the design `{}` have {:.0} % of its area: give the mesh a shorter max_edge_m",
+                    "the cells of the region `{}` of the design `{}` have {:.0} % of its area: give the mesh a shorter \
+                     max_edge_m",
                     region.name,
                     design.name,
                     100.0 * part

@@ -71,13 +71,19 @@ impl Sizing {
         }
         for region in regions {
             let RegionPlace::Box { low_m, high_m } = region.place else { continue };
-            let across_m = (high_m[0] - low_m[0]).min(high_m[1] - low_m[1]);
-            let side = MEAN_OF_LONGEST * (across_m / CELLS_ACROSS).max(options.max_edge_m / MAX_REFINEMENT);
-            features.extend(boxes(chart, low_m, high_m).into_iter().map(|[low, high]| Feature::Box {
-                low,
-                high,
-                side,
-            }));
+            let [least, most] = chart.bounds_m();
+            for [low, high] in boxes(chart, low_m, high_m) {
+                // A box on a cylinder may pass its seam.
+                let inside_m = |axis: usize| match chart.period_m() {
+                    Some(_) if axis == 0 => high[0] - low[0],
+                    _ => high[axis].min(most[axis]) - low[axis].max(least[axis]),
+                };
+                let across_m = inside_m(0).min(inside_m(1));
+                let side = MEAN_OF_LONGEST * (across_m / CELLS_ACROSS).max(options.max_edge_m / MAX_REFINEMENT);
+                if across_m > 0.0 {
+                    features.push(Feature::Box { low, high, side });
+                }
+            }
         }
         let mut sizing = Sizing {
             chart: *chart,
