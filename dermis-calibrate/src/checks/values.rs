@@ -17,7 +17,7 @@ const PILED_RATIO: usize = 2;
 const BESIDE: f64 = 0.05;
 /// ... and this many times the most frequent of the values between its limits: those of a coarsely quantized channel all come often.
 const PILED_OVER: usize = 3;
-/// Fewest different values of a channel whose steps are no longer coarse.
+/// Most different values of a channel whose steps are coarse.
 const MAX_LEVELS: usize = 10;
 /// A value is an outlier if it is this many times farther from the median than 99 % of its channel's values, ...
 const FAR_VALUE: f64 = 30.0;
