@@ -3,6 +3,7 @@
 use crate::failure::{Failure, Outcome};
 use crate::output::to_standard_output;
 use clap::Args;
+use dermis::finding::Finding;
 use dermis::pipeline::Severity;
 use dermis::text::{printable, printable_lines};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -61,6 +62,11 @@ pub fn warn(text: &str) {
     if WARNINGS.lock().unwrap_or_else(PoisonError::into_inner).insert(text.into()) {
         say(format_args!("warning: {}", printable_lines(text)));
     }
+}
+
+/// Prints a finding as a warning.
+pub fn warn_of(found: &Finding) {
+    warn(&format!("{}: {} = {}; {}", found.title(), found.evidence, found.value_text(), found.fix));
 }
 
 /// Prints a note to standard error.

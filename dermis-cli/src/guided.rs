@@ -1,6 +1,6 @@
 //! A guided calibration session: where to press next, the presses taken, and the calibration as it gets better.
 
-use crate::console::{Progress, StatusLine, on_interrupt, print, print_json, warn};
+use crate::console::{Progress, StatusLine, on_interrupt, print, print_json, warn, warn_of};
 use crate::failure::{Failure, Outcome};
 use crate::fitted;
 use crate::range::count;
@@ -408,7 +408,7 @@ impl Guided {
             false => check_labels(self.session.skin(), frames, &labels, LabelFrame::Skin)?,
         };
         for doubt in doubts {
-            warn(&format!("{}: {} = {}; {}", doubt.title(), doubt.evidence, doubt.value_text(), doubt.fix));
+            warn_of(&doubt);
         }
         if as_json {
             let method = correction.as_ref().map_or(Fitted::FORWARD_MAP, Correction::method);

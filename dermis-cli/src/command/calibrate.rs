@@ -1,6 +1,6 @@
 //! `dermis calibrate`: a real skin calibrated with measured presses.
 
-use crate::console::{Progress, print, print_json, warn};
+use crate::console::{Progress, print, print_json, warn, warn_of};
 use crate::failure::{Failure, Outcome};
 use crate::fitted;
 use crate::frames::{CurrentArguments, FrameArguments, Incomplete, PAIRED_HELP, Recorded};
@@ -97,7 +97,7 @@ impl Arguments {
         warn_of_faults(&skin, &recorded, &presses)?;
         let labels = presses.labels(&recorded.used.chosen(self.labels.as_ref(), "--labels")?);
         if let Some(found) = check_forces(&labels) {
-            warn(&format!("{}: {} = {}; {}", found.title(), found.evidence, found.value_text(), found.fix));
+            warn_of(&found);
         }
         let mut used = recorded.into_differences();
         if !self.unlabelled {
@@ -216,7 +216,7 @@ fn warn_of_faults(skin: &Skin, recorded: &Recorded, presses: &Presses) -> Outcom
     };
     for mut fault in checked.faults().filter(|fault| fault.kind != FindingKind::Late).cloned() {
         fault.rows = used.rows_of(&fault.rows);
-        warn(&format!("{}: {} = {}; {}", fault.title(), fault.evidence, fault.value_text(), fault.fix));
+        warn_of(&fault);
     }
     Ok(())
 }
