@@ -158,12 +158,7 @@ impl FrameArguments {
             warn_if_unlike(&check, untouched);
         }
         self.report(self.baseline.as_deref().unwrap_or(&self.frames), check.of_baseline(&baseline), needs_model)?;
-        let unlike = check.of_frames(frames, &baseline);
-        let unlike = match unlike {
-            None => check.of_common_change(frames, untouched, &baseline, skin)?,
-            unlike => unlike,
-        };
-        self.report(&self.frames, in_file(unlike, used), true)
+        self.report(&self.frames, in_file(check.of_touched(frames, untouched, &baseline, skin)?, used), true)
     }
 
     /// An error of a finding that is certain, a warning of any other.

@@ -96,7 +96,7 @@ impl<'a> Plausibility<'a> {
     /// What is wrong with frames and their baseline, or with differences from an unknown one.
     ///
     /// # Errors
-    /// As [`of_common_change`](Self::of_common_change).
+    /// As [`of_touched`](Self::of_touched).
     pub fn of(&self, differences: &Differences, skin: &Skin) -> crate::Result<Vec<Finding>> {
         let Differences { frames, untouched, baseline } = differences;
         let Some(baseline) = baseline else { return Ok(self.of_differences(frames).into_iter().collect()) };
@@ -104,11 +104,7 @@ impl<'a> Plausibility<'a> {
         let [frames, untouched] = [frames, untouched].map(|frames| frames.iter().map(add).collect::<Vec<Frame>>());
         let untouched = self.of_untouched(&untouched).into_iter();
         let untouched = untouched.chain(self.of_baseline(baseline));
-        let frames = match self.of_frames(&frames, baseline) {
-            None => self.of_common_change(&frames, &differences.untouched, baseline, skin)?,
-            found => found,
-        };
-        Ok(untouched.chain(frames).collect())
+        Ok(untouched.chain(self.of_touched(&frames, &differences.untouched, baseline, skin)?).collect())
     }
 
     /// What is wrong with an untouched frame, ohm: it agrees with the model of the design in no unit. A finding of
@@ -231,27 +227,37 @@ impl<'a> Plausibility<'a> {
     }
 
     /// The change from a baseline that all frames have in common, without a baseline that of the frames themselves; `None` for too
-    /// few frames, and where it cannot be told from noise. `noise` are the mean squares of the noise of a frame and of the change.
-    fn common_change(&self, frames: &[Frame], baseline: Option<&Frame>, noise: [f64; 2]) -> Option<Common> {
+    /// few frames.
+    fn common_change(&self, frames: &[Frame], baseline: Option<&Frame>) -> Option<Common> {
         let rest = |channel: usize| baseline.map_or(0.0, |baseline| baseline[channel]);
         let change = |frame: &Frame| Frame((0..frame.len()).map(|channel| frame[channel] - rest(channel)).collect());
         let common = change(&mean(frames).filter(|_| frames.len() >= MIN_ROWS)?);
         let square = |frame: &Frame| self.used.iter().map(|&channel| frame[channel].powi(2)).sum::<f64>();
         let all = frames.iter().map(|frame| square(&change(frame))).sum::<f64>() / frames.len() as f64;
-        let [of_frame, of_change] = noise;
-        let own = square(&common) - of_change;
-        let whole = square(baseline.unwrap_or(&self.model));
-        let (share, part) = (own / (all - of_frame).max(own), (own / whole).sqrt());
-        let is_clear = own > of_change && share.is_finite() && part.is_finite();
-        is_clear.then(|| Common { noise_part: of_change / square(&common), change: common, share, part })
+        Some(Common { square: square(&common), change: common, all, whole: square(baseline.unwrap_or(&self.model)) })
     }
 
-    /// What is wrong with frames and their baseline, the mean of untouched frames, ohm: the change is the same in all frames, and no
-    /// touch explains it, as where the baseline is of another skin or day, or exchanged with the frames.
+    /// What is wrong with frames and their baseline, the mean of the untouched frames, ohm: in each of them, or in all of them
+    /// alike. For `untouched` their deviations from it are enough.
     ///
     /// # Errors
     /// A skin whose linear model cannot be computed.
-    pub fn of_common_change(
+    pub fn of_touched(
+        &self,
+        frames: &[Frame],
+        untouched: &[Frame],
+        baseline: &Frame,
+        skin: &Skin,
+    ) -> crate::Result<Option<Finding>> {
+        match self.of_frames(frames, baseline) {
+            None => self.of_common_change(frames, untouched, baseline, skin),
+            found => Ok(found),
+        }
+    }
+
+    /// What is wrong with frames and their baseline: the change is the same in all frames, and no touch explains it, as where the
+    /// baseline is of another skin or day, or exchanged with the frames.
+    fn of_common_change(
         &self,
         frames: &[Frame],
         untouched: &[Frame],
@@ -262,14 +268,16 @@ impl<'a> Plausibility<'a> {
         let [of_mean, of_rest] = [frames.len(), untouched.len()].map(|count| 1.0 / count.max(1) as f64);
         // Touches are no noise: of frames and untouched ones those tell the noise of a frame that vary less.
         let noise = of_frames.min(of_untouched);
-        let as_given = self.common_change(frames, Some(baseline), [noise, noise * of_mean + of_untouched * of_rest]);
-        let as_exchanged = self.common_change(frames, Some(baseline), [noise, noise * (of_mean + of_rest)]);
-        for (common, is_exchanged) in [(as_given, false), (as_exchanged, true)] {
-            let is_large = |common: &Common| common.share >= COMMON[1] && common.part >= MIN_CHANGE;
-            let Some(Common { change, part, noise_part, .. }) = common.filter(is_large) else { continue };
+        let Some(common) = self.common_change(frames, Some(baseline)) else { return Ok(None) };
+        let of_change = [noise * of_mean + of_untouched * of_rest, noise * (of_mean + of_rest)];
+        for (of_change, is_exchanged) in of_change.into_iter().zip([false, true]) {
+            let Some([share, part]) = common.beyond_noise(noise, of_change) else { continue };
+            if share < COMMON[1] || part < MIN_CHANGE {
+                continue;
+            }
             let (jacobian, sign) = (&skin.linearised()?.jacobian, skin.design().sheet.touch.sign());
-            let [explained, turned] =
-                [sign, -sign].map(|sign| self.explained(&change, jacobian, sign) / (1.0 - noise_part));
+            let signal = 1.0 - of_change / common.square;
+            let [explained, turned] = [sign, -sign].map(|sign| self.explained(&common.change, jacobian, sign) / signal);
             let is_touch = explained >= MIN_EXPLAINED && part * (1.0 - explained).max(0.0).sqrt() <= MAX_UNEXPLAINED;
             if is_touch || is_exchanged && turned < MIN_EXPLAINED {
                 continue;
@@ -319,7 +327,7 @@ impl<'a> Plausibility<'a> {
     /// What is wrong with frames less the untouched frame of the model, ohm: most of their change is the same in all of them, so
     /// that it is the model's error and no touch.
     pub fn of_model_differences(&self, differences: &[Frame]) -> Option<Finding> {
-        let Common { share, part, .. } = self.common_change(differences, None, [0.0; 2])?;
+        let [share, part] = self.common_change(differences, None)?.beyond_noise(0.0, 0.0)?;
         if share < COMMON[0] || part < MIN_ERROR {
             return None;
         }
@@ -489,12 +497,20 @@ const ORDER: &str = "`dermis check-frames` looks for the order; state it in the 
 /// A change that all frames have in common.
 struct Common {
     change: Frame,
-    /// The part of all change, without noise, that it is.
-    share: f64,
-    /// Its size over that of the baseline.
-    part: f64,
-    /// The part of its square that is noise.
-    noise_part: f64,
+    /// Its square, the mean square of all change, and the square of the baseline.
+    square: f64,
+    all: f64,
+    whole: f64,
+}
+
+impl Common {
+    /// The part of all change that it is, and its size over that of the baseline, both without noise, whose mean squares are those
+    /// of a frame and of the change; `None` where it cannot be told from noise.
+    fn beyond_noise(&self, of_frame: f64, of_change: f64) -> Option<[f64; 2]> {
+        let own = self.square - of_change;
+        let parts = [own / (self.all - of_frame).max(own), (own / self.whole).sqrt()];
+        (own > of_change && parts.iter().all(|part| part.is_finite())).then_some(parts)
+    }
 }
 
 /// How well a frame fits its baseline.
