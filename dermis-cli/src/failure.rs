@@ -6,7 +6,6 @@ use dermis::text::{printable, printable_lines, shortened};
 use miette::{Diagnostic, NamedSource, SourceSpan};
 use std::fmt;
 use std::ops::Range;
-use std::path::Path;
 use std::sync::Once;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -45,16 +44,6 @@ impl Failure {
             }
         }
     }
-}
-
-/// Refuses a file to be written in a folder that does not exist, before the work begins.
-pub fn check_folder(path: &Path) -> Outcome {
-    let folder = dermis::files::folder_of(path);
-    if folder.is_dir() {
-        return Ok(());
-    }
-    let message = format!("{} cannot be written: there is no folder {}", path.display(), folder.display());
-    Err(Failure::given(message, Some("make it first, or name another")))
 }
 
 /// Panics of all threads since they are counted.

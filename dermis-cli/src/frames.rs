@@ -127,7 +127,7 @@ impl FrameArguments {
     fn read_some(&self, skin: &Skin, method: &MethodArguments, incomplete: Incomplete) -> Outcome<(Differences, Used)> {
         let left_out = &method.left_out(&skin.design().protocol)?[..];
         let recorded = self.read_recorded(skin, left_out, incomplete)?;
-        self.check(skin, &recorded, left_out, method.calibration().is_none())?;
+        let is_doubtful = self.check(skin, &recorded, left_out, method.calibration().is_none())?;
         if method.depends_on_size()
             && !self.is_of_model()
             && let Some(baseline) = mean(&recorded.untouched)
@@ -136,12 +136,12 @@ impl FrameArguments {
             self.report(self.baseline.as_deref().unwrap_or(&self.frames), check.of_size(&baseline), true)?;
         }
         let used = recorded.used.clone();
-        Ok((recorded.into_differences(), used))
+        Ok((Differences { is_doubtful, ..recorded.into_differences() }, used))
     }
 
     /// Refuses frames that cannot be those of the skin, and warns of doubtful ones; where contacts do not depend on the model,
-    /// it warns of a baseline that is not the model's.
-    pub fn check(&self, skin: &Skin, recorded: &Recorded, left_out: &[usize], needs_model: bool) -> Outcome {
+    /// it warns of a baseline that is not the model's. Returns whether all frames are doubtful.
+    pub fn check(&self, skin: &Skin, recorded: &Recorded, left_out: &[usize], needs_model: bool) -> Outcome<bool> {
         skin::warn_if_ambiguous(skin)?;
         let Recorded { frames, untouched, used, .. } = recorded;
         let mut unused = [left_out, &broken_channels(untouched)].concat();
@@ -157,20 +157,22 @@ impl FrameArguments {
         if !self.paired {
             warn_if_unlike(&check, untouched);
         }
-        self.report(self.baseline.as_deref().unwrap_or(&self.frames), check.of_baseline(&baseline), needs_model)?;
-        self.report(&self.frames, in_file(check.of_touched(frames, untouched, &baseline, skin)?, used), true)
+        let path = self.baseline.as_deref().unwrap_or(&self.frames);
+        let is_unlike = self.report(path, check.of_baseline(&baseline), needs_model)? && needs_model;
+        let found = check.of_touched(frames, untouched, &baseline, skin)?;
+        Ok(self.report(&self.frames, in_file(found, used), true)? || is_unlike)
     }
 
-    /// An error of a finding that is certain, a warning of any other.
-    fn report(&self, path: &Path, found: Option<Finding>, is_needed: bool) -> Outcome {
-        let Some(found) = found else { return Ok(()) };
+    /// An error of a finding that is certain, a warning of any other. Returns whether it is about all frames.
+    fn report(&self, path: &Path, found: Option<Finding>, is_needed: bool) -> Outcome<bool> {
+        let Some(found) = found else { return Ok(false) };
         let rows = if found.rows.is_empty() { String::new() } else { format!(", {}", found.title()) };
         let message = format!("{}{rows}: {}", path.display(), found.evidence);
         if found.is_fault() && is_needed && !self.force {
             return Err(Failure::given(message, Some(&format!("{}; --force goes on all the same", found.fix))));
         }
         warn(&format!("{message}; {}", found.fix));
-        Ok(())
+        Ok(Plausibility::is_doubtful([&found]))
     }
 
     /// Whether the baseline is the untouched frame of the design.

@@ -30,15 +30,15 @@ mod skin;
 mod source;
 mod twin;
 mod used;
+mod written;
 
 pub use console::Verbosity;
 pub use described::{DescribedArgument, DescribedCommand};
 pub use failure::CommandError;
 
 use clap::error::ErrorKind;
-use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser};
+use clap::{CommandFactory, FromArgMatches, Parser};
 use std::ffi::OsString;
-use std::path::{Path, PathBuf};
 
 /// Electrical resistance tomography (ERT) skins for robots: design, simulation, reconstruction, live contacts.
 #[derive(Debug, Parser)]
@@ -91,29 +91,10 @@ fn groups(program: &clap::Command) -> String {
 fn parsed(arguments: impl IntoIterator<Item = OsString>) -> Result<Arguments, clap::Error> {
     let mut program = program();
     let mut matches = program.try_get_matches_from_mut(arguments)?;
-    if let Some(path) = overwritten(&matches) {
-        let message = format!(
-            "--output names {}, which the command reads: it would be lost. Choose another name\n",
-            path.display()
-        );
-        return Err(program.error(ErrorKind::ValueValidation, message));
+    if let Some(message) = written::refusal(&program, &matches) {
+        return Err(program.error(ErrorKind::ValueValidation, message + "\n"));
     }
     Arguments::from_arg_matches_mut(&mut matches).map_err(|error| error.format(&mut program))
-}
-
-/// The file that a command would both read and write.
-fn overwritten(matches: &ArgMatches) -> Option<PathBuf> {
-    let mut matches = matches;
-    while let Some((_, inner)) = matches.subcommand() {
-        matches = inner;
-    }
-    let files = |id: &str| -> Vec<PathBuf> {
-        let values = matches.try_get_raw(id).ok().flatten().into_iter().flatten();
-        values.map(Path::new).filter(|path| path.is_file()).filter_map(|path| path.canonicalize().ok()).collect()
-    };
-    let written = files("output").into_iter().next()?;
-    let mut others = matches.ids().map(|id| id.as_str()).filter(|id| *id != "output");
-    others.any(|id| files(id).contains(&written)).then_some(written)
 }
 
 /// The commands with their arguments.

@@ -1,9 +1,11 @@
 //! Files of pictures and pages.
 
 use crate::failure::{Failure, Outcome};
+use clap::builder::{PathBufValueParser, TypedValueParser};
+use dermis::files::ending;
 use dermis::frame::write_whole;
 use dermis_plot::Picture;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Dots per pixel of a PNG, for high-resolution screens and print.
 const PNG_SCALE: f64 = 2.0;
@@ -17,11 +19,19 @@ pub fn check_page_ending(path: &Path) -> Outcome {
     Err(Failure::given(message, Some("choose this ending")))
 }
 
+/// Reads the name of a picture, SVG or PNG, on the command line.
+pub fn picture() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new().try_map(|path| match ending(&path).as_str() {
+        "svg" | "png" => Ok(path),
+        _ => Err("name the picture .svg or .png"),
+    })
+}
+
 /// Whether a picture is written as PNG, and not as SVG: by the ending of its path.
 pub fn is_png(path: &Path) -> Outcome<bool> {
-    match path.extension().and_then(|extension| extension.to_str()).map(str::to_ascii_lowercase).as_deref() {
-        Some("svg") => Ok(false),
-        Some("png") => Ok(true),
+    match ending(path).as_str() {
+        "svg" => Ok(false),
+        "png" => Ok(true),
         _ => {
             let message = format!("{}: no kind of picture known", path.display());
             Err(Failure::given(message, Some("name the picture .svg or .png")))

@@ -3,9 +3,11 @@
 use crate::console::{Progress, warn};
 use crate::failure::{Failure, Outcome};
 use clap::ValueEnum;
-use dermis::frame::read_conductivities;
+use dermis::contact::Contact;
+use dermis::frame::{Truth, read_conductivities};
 use dermis::geom::PlaceLimits;
 use dermis::skin::Skin;
+use dermis::text::{number_of, ranges};
 use std::path::Path;
 
 /// Elements of an image.
@@ -34,6 +36,31 @@ pub fn warn_if_ambiguous(skin: &Skin) -> Outcome {
 /// The valid positions of touches on a skin.
 pub fn place_limits(skin: &Skin) -> PlaceLimits {
     skin.mesh().place_limits(skin.design().body.surface())
+}
+
+/// Touches farther off the body than this are warned of, m: measured places and the width of a tip differ by less.
+const OFF_BODY_M: f64 = 0.005;
+
+/// Reads the truth of some frames. Warns of touches off the body.
+pub fn read_truth(skin: &Skin, path: &Path, frames: usize) -> Outcome<Truth> {
+    let limits = place_limits(skin);
+    let truth = dermis::frame::read_truth(path, &limits, frames)?;
+    if let Truth::OnSkin(touches) = &truth {
+        let off_m = |touches: &Vec<Contact>| {
+            touches.iter().map(|touch| limits.distance_m(touch.position_m)).fold(0.0, f64::max)
+        };
+        let off_m: Vec<f64> = touches.iter().map(off_m).collect();
+        let rows: Vec<usize> = (0..off_m.len()).filter(|&frame| off_m[frame] > OFF_BODY_M).collect();
+        if !rows.is_empty() {
+            let most_mm = 1e3 * off_m.iter().fold(0.0, |most: f64, &off_m| most.max(off_m));
+            warn(&format!(
+                "{}: touches of the {} lie off the body, by up to {most_mm:.0} mm: check the origin and the axes",
+                path.display(),
+                number_of(rows.len(), "frame") + " " + &ranges(&rows)
+            ));
+        }
+    }
+    Ok(truth)
 }
 
 /// Conductivity maps from a file, or the untouched skin without one.

@@ -77,12 +77,13 @@ pub fn differences(
 ) -> Outcome<(Differences, bool)> {
     let skin = skin.skin();
     let protocol = &skin.design().protocol;
-    let (differences, is_single) = arrays::differences(frames, baseline, protocol.channel_count())?;
+    let (mut differences, is_single) = arrays::differences(frames, baseline, protocol.channel_count())?;
     let model = skin.untouched().map_err(Failure::given)?;
     let broken = broken_channels(&differences.untouched);
-    for found in Plausibility::new(protocol, model, &broken).of(&differences, skin).map_err(Failure::given)? {
-        let Finding { evidence, fix, .. } = &found;
-        doubt(py, evidence, fix, found.is_fault() && !force)?;
+    let found = Plausibility::new(protocol, model, &broken).of(&differences, skin).map_err(Failure::given)?;
+    differences.is_doubtful = Plausibility::is_doubtful(&found);
+    for found in &found {
+        doubt(py, &found.evidence, &found.fix, found.is_fault() && !force)?;
     }
     Ok((differences, is_single))
 }

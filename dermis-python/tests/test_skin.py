@@ -34,7 +34,7 @@ def test_a_design_takes_arrays():
     }
     np.testing.assert_array_equal(dermis.Skin.load(design).channels, [[0, 1, 3, 4], [7, 0, 2, 5]])
     design["protocol"]["first_electrode"] = 0
-    with pytest.raises(dermis.DermisError, match="row 1 of `channels` names electrode 8.*first_electrode = 1"):
+    with pytest.raises(dermis.DermisError, match="channel 1 of `channels`, its row 2, names electrode 8.*first_electrode = 1"):
         dermis.Skin.load(design)
 
 

@@ -5,6 +5,10 @@ use dermis::design::{DesignError, closest_name};
 use dermis::geom::Point3;
 use dermis::geom::vector::{cross, scale, sub};
 use dermis::linalg::Matrix;
+use std::f64::consts::TAU;
+
+/// A revolute joint that turns farther than this in one direction is not of this world: limits of arms are of two turns at most.
+const MAX_TURNS: f64 = 2.0;
 
 /// How a joint moves its child link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -91,6 +95,24 @@ impl Kinematics {
     /// and those that mimic another have none.
     pub fn joint_names(&self) -> impl ExactSizeIterator<Item = &str> {
         self.movable.iter().map(|&joint| self.joints[joint].name.as_str())
+    }
+
+    /// Joints whose limits cannot be right, in words: with them, positions in degrees are not noticed.
+    pub fn doubtful_limits(&self) -> Vec<String> {
+        let doubt = |joint: &Joint| {
+            let (JointKind::Revolute { wraps: false }, name) = (joint.kind, &joint.name) else { return None };
+            match joint.limits {
+                None => Some(format!(
+                    "the revolute joint `{name}` has no limits, so that positions in degrees are not noticed: write its <limit> with \
+                     lower and upper, rad, or make it continuous"
+                )),
+                Some([lower, upper]) if lower.abs().max(upper.abs()) > MAX_TURNS * TAU => Some(format!(
+                    "the limits of the revolute joint `{name}` are {lower} to {upper}: they are in rad, and seem to be in degrees"
+                )),
+                Some(_) => None,
+            }
+        };
+        self.movable().filter_map(doubt).collect()
     }
 
     pub(crate) fn movable(&self) -> impl ExactSizeIterator<Item = &Joint> {

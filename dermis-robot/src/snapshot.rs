@@ -195,7 +195,7 @@ pub enum Cause {
     Unknown {
         /// The skin.
         skin: String,
-        /// Why; `null` if a force is unknown.
+        /// Why; `null` if a force is unknown, or only a lower bound.
         reason: Option<UnknownReason>,
     },
 }

@@ -232,13 +232,12 @@ impl RobotState {
             (zone, When::Touched) => holds(zone == Zone::Touched && (all.is_empty() || !contacts.is_empty())),
             (_, When::Contact) => holds(!contacts.is_empty()),
             (_, When::ForceN(force_n)) => {
-                let mut forces = contacts.iter().map(|tracked| tracked.contact.force_n);
-                if forces.clone().any(|force| force >= force_n) {
+                if contacts.iter().any(|tracked| tracked.contact.force_n >= force_n) {
                     Says::Holds
-                } else if forces.any(f64::is_nan) {
-                    Says::Unknown(None)
-                } else {
+                } else if contacts.iter().all(|tracked| tracked.contact.force_is_known()) {
                     Says::Clear
+                } else {
+                    Says::Unknown(None)
                 }
             }
         }

@@ -254,6 +254,10 @@ impl File<'_> {
         let (speed, limits) = (limit("velocity")?, [limit("lower")?, limit("upper")?]);
         // A continuous joint has none, whatever is written.
         let is_limited = matches!(kind, JointKind::Revolute { wraps: false } | JointKind::Prismatic);
+        if is_limited && limits[0] > limits[1] {
+            let message = format!("the limits of the joint `{name}` are {} to {}", limits[0], limits[1]);
+            return Err(self.error(child("limit").unwrap_or(node), message, Some("lower must be below upper")));
+        }
         Ok(Joint {
             kind,
             parent,

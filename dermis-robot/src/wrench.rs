@@ -26,7 +26,7 @@ pub struct Wrench {
     pub covariance: [[f64; 6]; 6],
     /// Whether it is of all contacts: every skin of the link is known, and so is every force.
     pub complete: bool,
-    /// The skins that are unknown or have contacts of unknown force.
+    /// The skins that are unknown or have contacts whose force is unknown or only a lower bound.
     pub missing: Vec<String>,
 }
 
@@ -54,7 +54,8 @@ impl Wrench {
         other.missing.iter().for_each(|skin| self.lacks(skin));
     }
 
-    /// Adds a contact of a skin whose frame has the pose `origin` in the link's; returns whether its force is known.
+    /// Adds a contact of a skin whose frame has the pose `origin` in the link's; returns whether its force is known. A force that is
+    /// a lower bound is added, and is not known.
     pub(crate) fn add(&mut self, contact: &Contact, origin: &Pose, friction: f64) -> bool {
         if !contact.force_n.is_finite() {
             return false;
@@ -63,7 +64,7 @@ impl Wrench {
         let force = scale(normal, -contact.force_n);
         self.force_n = add(self.force_n, force);
         self.torque_n_m = add(self.torque_n_m, cross(point, force));
-        // An unknown deviation is one as large as the force.
+        // That of a lower bound is as large as the force.
         let known = |value: f64, other: f64| if value.is_finite() { value } else { other };
         let along = known(contact.force_sd_n, contact.force_n.abs()).powi(2);
         let across = (friction * contact.force_n).powi(2) / 4.0;
@@ -77,7 +78,7 @@ impl Wrench {
             self.add_square([0.0; 3], cross(tangent, force), position);
         }
         self.add_square(normal, cross(point, normal), along);
-        true
+        contact.force_is_known()
     }
 
     /// Adds the variance times the square of a column.
@@ -163,5 +164,8 @@ mod tests {
         wrench.lacks("sleeve");
         wrench.lacks("sleeve");
         assert_eq!((wrench.force_n, wrench.complete, wrench.missing.len()), ([0.0; 3], false, 1));
+        // A lower bound is a part of the force, and not all of it.
+        assert!(!wrench.add(&Contact::truth([0.0; 3], [0.0, 0.0, 1.0], 7.5), &Pose::IDENTITY, 0.5));
+        assert_eq!(wrench.force_n, [0.0, 0.0, -7.5]);
     }
 }

@@ -27,8 +27,8 @@ use thiserror::Error;
 pub enum TouchError {
     /// A touch that would leave no conductance at its centre.
     #[error(
-        "a touch of amplitude {amplitude} leaves no conductance where touches lower it: it must stay below 1, \
-         all touches of a frame together"
+        "touches with an amplitude of {amplitude:.4} together leave no conductance where touches lower it: amplitudes must stay \
+         below 1, those of all touches of a frame together"
     )]
     TooStrong {
         /// The amplitude, or the sum of those that overlap in one cell.

@@ -12,7 +12,7 @@ use dermis_sim::twin::{GaussianOptions, TouchOptions, Twin, TwinOptions};
 /// model's fields none of them was.
 #[test]
 fn presses_are_found_without_signs() {
-    const PRESSES: usize = 12;
+    const PRESSES: usize = 6;
     let skin = Skin::load("skin16").expect("a shipped design");
     let mut options = TwinOptions::shipped("ideal").expect("a shipped twin");
     options.touch = TouchOptions::Gaussian(GaussianOptions { amplitude_per_n: 0.45, width_m: 0.008 });

@@ -161,7 +161,7 @@ fn a_frame_costs_little() {
             ]
         };
         measure();
-        let runs: Vec<[f64; 3]> = (0..61).map(|_| measure()).collect();
+        let runs: Vec<[f64; 3]> = (0..21).map(|_| measure()).collect();
         let [contacts, table, without] =
             [0, 1, 2].map(|which: usize| median(runs.iter().map(|run| run[which]).collect()));
         println!(

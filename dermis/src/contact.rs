@@ -82,6 +82,13 @@ pub struct Contact {
     pub conductance: Option<ConductanceChange>,
 }
 
+impl Contact {
+    /// Whether the force is known. One without a standard deviation is a lower bound.
+    pub fn force_is_known(&self) -> bool {
+        self.force_n.is_finite() && self.force_sd_n.is_finite()
+    }
+}
+
 /// A field of a contact: its names and its value in every output. JSON follows from the type itself.
 #[derive(Debug)]
 pub struct Field<T> {

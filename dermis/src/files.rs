@@ -119,6 +119,37 @@ impl NewFolder {
     }
 }
 
+/// Whether a file or folder can be written, before work on its contents begins. A folder's parents need not exist.
+///
+/// # Errors
+/// A folder in place of a file, or a file in place of a folder; a folder that does not exist or cannot be written.
+pub fn check_writable(path: &Path, is_folder: bool) -> Result<()> {
+    let found = std::fs::metadata(path).ok();
+    let is_of_kind = found.as_ref().is_none_or(|found| found.is_dir() == is_folder);
+    if !is_of_kind {
+        let (kind, wanted) = if is_folder { ("a file", "folder") } else { ("a folder", "file") };
+        return Err(Error::new(ErrorKind::InvalidInput, format!("it is {kind}: name a {wanted}")));
+    }
+    if found.is_some_and(|found| !found.is_file() && !found.is_dir()) {
+        return Ok(());
+    }
+    let existing = path.ancestors().find(|folder| folder.exists()).unwrap_or(Path::new("."));
+    let folder = if is_folder { existing } else { folder_of(path) };
+    check_folder(folder)?;
+    made_in(folder, || builder(0o666).tempfile_in(folder)).map(drop)
+}
+
+/// Makes a temporary file or folder; an error names the folder and not the temporary name.
+fn made_in<T>(folder: &Path, make: impl FnOnce() -> Result<T>) -> Result<T> {
+    make().map_err(|error| match error.kind() {
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+            let message = format!("the folder {} cannot be written ({}): name another", folder.display(), error.kind());
+            Error::new(error.kind(), message)
+        }
+        _ => error,
+    })
+}
+
 /// The folder that a file or folder lies in; `.` for a mere name.
 pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
@@ -129,7 +160,7 @@ fn temporary_file(folder: &Path) -> Result<tempfile::NamedTempFile> {
     check_folder(folder)?;
     remove_abandoned(folder);
     loop {
-        let file = builder(0o666).tempfile_in(folder)?;
+        let file = made_in(folder, || builder(0o666).tempfile_in(folder))?;
         if is_kept(file.as_file(), file.path()) {
             return Ok(file);
         }
@@ -141,7 +172,7 @@ fn temporary_folder(folder: &Path) -> Result<(tempfile::TempDir, File)> {
     check_folder(folder)?;
     remove_abandoned(folder);
     loop {
-        let made = builder(0o777).tempdir_in(folder)?;
+        let made = made_in(folder, || builder(0o777).tempdir_in(folder))?;
         let path = made.path().join(LOCK);
         // Without this file another process may have taken the folder for an abandoned one.
         if let Ok(lock) = File::create(&path)

@@ -66,6 +66,9 @@ const LARGEST_SCALE: f64 = 30.0;
 const LARGEST: f64 = 5.0;
 /// Fewer channels than this without a driven electrode tell nothing; all channels are compared then.
 const MIN: usize = 8;
+/// ... and so do channels that are balanced in the untouched model, as those of a bridge: their median size is at most this part of that
+/// of all. Touches change them by more than they are.
+const BALANCED: f64 = 1e-3;
 
 /// Compares frames with the model of a skin.
 #[derive(Debug, Clone)]
@@ -90,7 +93,9 @@ impl<'a> Plausibility<'a> {
         let used: Vec<usize> = (0..model.len()).filter(|channel| !left_out.contains(channel)).collect();
         // The contacts of driven electrodes are known least.
         let far: Vec<usize> = protocol.undriven().filter(|channel| !left_out.contains(channel)).collect();
-        Plausibility { protocol, model, compared: if far.len() < MIN { used.clone() } else { far }, used }
+        let size = |channels: &[usize]| median_size(channels.iter().map(|&channel| model[channel]));
+        let tells = far.len() >= MIN && size(&far) > BALANCED * size(&used);
+        Plausibility { protocol, compared: if tells { far } else { used.clone() }, used, model }
     }
 
     /// What is wrong with frames and their baseline, or with differences from an unknown one.
@@ -98,7 +103,7 @@ impl<'a> Plausibility<'a> {
     /// # Errors
     /// As [`of_touched`](Self::of_touched).
     pub fn of(&self, differences: &Differences, skin: &Skin) -> crate::Result<Vec<Finding>> {
-        let Differences { frames, untouched, baseline } = differences;
+        let Differences { frames, untouched, baseline, .. } = differences;
         let Some(baseline) = baseline else { return Ok(self.of_differences(frames).into_iter().collect()) };
         let add = |difference: &Frame| Frame(difference.iter().zip(baseline.iter()).map(|(a, b)| a + b).collect());
         let [frames, untouched] = [frames, untouched].map(|frames| frames.iter().map(add).collect::<Vec<Frame>>());
@@ -255,6 +260,11 @@ impl<'a> Plausibility<'a> {
         }
     }
 
+    /// Whether something is wrong with all frames, and not with single ones, by what was found.
+    pub fn is_doubtful<'f>(found: impl IntoIterator<Item = &'f Finding>) -> bool {
+        found.into_iter().any(|found| found.rows.is_empty())
+    }
+
     /// What is wrong with frames and their baseline: the change is the same in all frames, and no touch explains it, as where the
     /// baseline is of another skin or day, or exchanged with the frames.
     fn of_common_change(
@@ -288,7 +298,10 @@ impl<'a> Plausibility<'a> {
                 100.0 * explained.clamp(0.0, 1.0)
             );
             let fix = match turned >= MIN_EXPLAINED {
-                true => "the frames and the untouched ones are probably exchanged",
+                true => {
+                    "exchange the frames and the untouched ones if they are exchanged; else the skin has changed since: give \
+                     untouched frames taken just before"
+                }
                 false => "give untouched frames of the same skin, taken just before",
             };
             let found = Finding::new(FindingKind::UnlikeBaseline, explained, evidence, fix);

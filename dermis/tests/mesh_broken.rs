@@ -150,7 +150,7 @@ fn torn_and_lonely_parts() {
     refused(&torn, "2 5 6\n8 2 2 5 5 2 6 3", "7 5 6\n8 2 2 5 5 7 6 8", &["torn"]);
     // A distant triangle without an electrode.
     let lonely = STRIP.replacen("$Nodes\n6\n", "$Nodes\n9\n7 9 9 0\n8 10 9 0\n9 9 10 0\n", 1);
-    refused(&lonely, "$Elements\n8\n", "$Elements\n9\n9 2 2 5 5 7 8 9\n", &["no electrode touches"]);
+    refused(&lonely, "$Elements\n8\n", "$Elements\n9\n9 2 2 5 5 7 8 9\n", &["has no electrode"]);
     // Three triangles at the edge from 2 to 3.
     refused(STRIP, "$Elements\n8\n", "$Elements\n9\n9 2 2 5 5 2 3 5\n", &["3 triangles meet"]);
 }

@@ -3,6 +3,7 @@
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
 use crate::method::MethodArguments;
+use crate::picture::{picture, save};
 use crate::range::{count, seed};
 use crate::skin;
 use crate::twin::TwinArguments;
@@ -39,11 +40,11 @@ pub struct Arguments {
     /// Use a tenth of the frames.
     #[arg(long)]
     quick: bool,
-    /// Write a map of the smallest detectable force, averaged over the twins (SVG).
-    #[arg(long, value_name = "FILE")]
+    /// Write a map of the smallest detectable force, averaged over the twins (SVG, PNG).
+    #[arg(long, value_name = "FILE", value_parser = picture())]
     map: Option<PathBuf>,
-    /// Write the share of resolved pairs of touches against their distance, over all twins, and its bound (SVG).
-    #[arg(long, value_name = "FILE")]
+    /// Write the share of resolved pairs of touches against their distance, over all twins, and its bound (SVG, PNG).
+    #[arg(long, value_name = "FILE", value_parser = picture())]
     curve: Option<PathBuf>,
     /// Number of disconnected electrodes of each twin, drawn from its seed.
     #[arg(
@@ -85,17 +86,23 @@ impl Arguments {
         let progress = Progress::new("benchmarking", each * self.twins as usize);
         let found = benchmark(&skin, &method, &twin, seeds, &size, |done| progress.steps(done as u64))?;
         drop(progress);
-        if let Some(path) = &self.map {
-            self.map(&skin, found.least_forces_n(skin.pixels().len(), &size))?.write_svg(path)?;
-        }
-        if let Some(path) = &self.curve {
-            self.curve(method.description(), &found).write_svg(path)?;
-        }
         if self.json {
-            return print_json(&found);
+            print_json(&found)?;
+        } else {
+            print(&self.text(&method, &found))?;
         }
+        if let Some(path) = &self.map {
+            save(&self.map(&skin, found.least_forces_n(skin.pixels().len(), &size))?, path)?;
+        }
+        match &self.curve {
+            Some(path) => save(&self.curve(method.description(), &found), path),
+            None => Ok(()),
+        }
+    }
+
+    fn text(&self, method: &Method, found: &BenchmarkSummary) -> String {
         let advice = found.twins.iter().find_map(|twin| twin.grid.advice());
-        print(&format!(
+        format!(
             "{} `{}` of {} (seeds {} to {}), {}\n\n{}\n{}",
             counted(found.twins.len(), "twin"),
             found.twin,
@@ -105,7 +112,7 @@ impl Arguments {
             method.description(),
             metrics::table(&found.twins, found.bound.as_ref()).to_text(),
             advice.map(|advice| format!("\nnote: {advice}\n")).unwrap_or_default()
-        ))
+        )
     }
 
     /// Runs the benchmark of families on every skin.

@@ -2,6 +2,7 @@
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
+use crate::picture::{picture, save};
 use crate::range::{count, number};
 use crate::skin;
 use crate::twin::TwinArguments;
@@ -53,17 +54,17 @@ pub struct Arguments {
     /// Write the bounds of every place (CSV).
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Write a map of the position's standard deviation (SVG).
-    #[arg(long, value_name = "FILE")]
+    /// Write a map of the position's standard deviation (SVG, PNG).
+    #[arg(long, value_name = "FILE", value_parser = picture())]
     map: Option<PathBuf>,
-    /// Write a map of the smallest force (SVG).
-    #[arg(long, value_name = "FILE")]
+    /// Write a map of the smallest force (SVG, PNG).
+    #[arg(long, value_name = "FILE", value_parser = picture())]
     force_map: Option<PathBuf>,
-    /// Write a map of the distance at which two presses are told from one (SVG).
-    #[arg(long, value_name = "FILE")]
+    /// Write a map of the distance at which two presses are told from one (SVG, PNG).
+    #[arg(long, value_name = "FILE", value_parser = picture())]
     separation_map: Option<PathBuf>,
-    /// Write the share of the places at which two presses are told from one against their distance (SVG).
-    #[arg(long, value_name = "FILE")]
+    /// Write the share of the places at which two presses are told from one against their distance (SVG, PNG).
+    #[arg(long, value_name = "FILE", value_parser = picture())]
     separation_curve: Option<PathBuf>,
     /// Print JSON (SI units) instead of a table.
     #[arg(long)]
@@ -84,9 +85,9 @@ impl Arguments {
         let found = map_bounds(&skin, &twin, &self.options(), || progress.step())?;
         drop(progress);
         let [one, mean] = &found.bounds;
-        self.write_files(&skin, one)?;
         if self.json {
-            return print_json(&serde_json::json!(found));
+            print_json(&serde_json::json!(found))?;
+            return self.write_files(&skin, one);
         }
         print(&format!(
             "{}, presses of {} N with a tip of {} mm, noise of `{}`{}, {}\n\n{}",
@@ -97,7 +98,8 @@ impl Arguments {
             self.disconnected(),
             counted(one.places.len(), "place"),
             table(one, mean).to_text()
-        ))
+        ))?;
+        self.write_files(&skin, one)
     }
 
     fn check(&self) -> Outcome {
@@ -152,10 +154,10 @@ impl Arguments {
             let Some(path) = path else { continue };
             let values: Vec<f64> = bounds.places.iter().map(|place| value(place).unwrap_or(f64::NAN)).collect();
             let key = Key { scale: Scale::sequential(values.iter().copied()), label: label.into() };
-            skin_map(skin, &values, key, title, self.conditions())?.write_svg(path)?;
+            save(&skin_map(skin, &values, key, title, self.conditions())?, path)?;
         }
         match &self.separation_curve {
-            Some(path) => Ok(self.curve(&bounds.places).write_svg(path)?),
+            Some(path) => save(&self.curve(&bounds.places), path),
             None => Ok(()),
         }
     }

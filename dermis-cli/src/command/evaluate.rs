@@ -11,7 +11,7 @@ use crate::skin;
 use crate::used::Used;
 use clap::Args;
 use dermis::contact::Contact;
-use dermis::frame::{Differences, EvaluatedPress, Frame, Truth, frames_after_last_touch, read_truth};
+use dermis::frame::{Differences, EvaluatedPress, Frame, Truth, frames_after_last_touch};
 use dermis::geom::Point3;
 use dermis::geom::vector::{bounding_box, distance};
 use dermis::skin::Skin;
@@ -69,7 +69,7 @@ impl Arguments {
         if let Some(folder) = self.method.calibration() {
             return self.calibrated(&skin, folder, &differences, &used);
         }
-        let truth = read_truth(&self.truth, &skin::place_limits(&skin), used.count)?;
+        let truth = skin::read_truth(&skin, &self.truth, used.count)?;
         let path = self.truth.display();
         match (truth, self.align) {
             (Truth::OnSkin(truth), None) => self.on_skin(&skin, differences, &truth, &used),

@@ -1,6 +1,6 @@
 //! `dermis experiment`: the paper's indentation experiment on a digital twin.
 
-use crate::console::{Progress, print, print_json};
+use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::range::{count, number, seed};
 use crate::twin::TwinArguments;
@@ -36,12 +36,15 @@ pub struct Arguments {
     #[arg(long, value_name = "M", default_value_t = 0.06, value_parser = number(1e-3..=1.0))]
     apart: f64,
     /// Folder to write; it must not exist, or be empty.
-    #[arg(short, long, value_name = "DIR")]
+    #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
     /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
 }
+
+/// What to do where touches are too far apart for a body.
+const FEWER: &str = "choose a smaller distance with --apart, fewer --touches, or other --sets";
 
 /// A set of presses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -64,14 +67,19 @@ impl Arguments {
         let folder = new_folder(&self.output)?;
         let mesh = Mesh::generate(&design)?;
         let pixels = PixelSpace::for_design(&design, &mesh)?;
+        let sizes = self.sizes(pixels.len());
         let experiment = {
             let _waiting = Progress::waiting("preparing the twin");
-            PaperExperiment::draw(&design, &mesh, &pixels, &options, self.seed, &self.sizes(pixels.len()))?
+            PaperExperiment::draw(&design, &mesh, &pixels, &options, self.seed, &sizes)?
         };
+        if experiment.frame_count() == 0 {
+            return Err(Failure::given(format!("{}: none of the presses fits on the body", self.design), Some(FEWER)));
+        }
         let progress = Progress::new("pressing", experiment.frame_count());
         let summary = experiment.write(&design, self.seed, &folder.path(), || progress.step())?;
         drop(progress);
         folder.finish().map_err(|error| not_made(&self.output, &error))?;
+        self.warn_of_missing(&summary, &sizes);
         if self.json { print_json(&summary) } else { print(&self.summary(&summary)) }
     }
 
@@ -95,13 +103,23 @@ impl Arguments {
         }
     }
 
+    /// Warns of sets with fewer frames than were asked for.
+    fn warn_of_missing(&self, summary: &ExperimentSummary, sizes: &Sizes) {
+        let asked = [("two", sizes.pairs * sizes.separations_m.len()), ("four", sizes.fours), ("several", sizes.fours)];
+        for set in &summary.sets {
+            let missing = asked.iter().find(|(name, frames)| *name == set.name && *frames > set.frames);
+            if let Some((name, frames)) = missing {
+                warn(&format!(
+                    "the set `{name}` has {} of {frames} frames: the body has no room for touches so far apart; {FEWER}",
+                    set.frames
+                ));
+            }
+        }
+    }
+
     fn summary(&self, summary: &ExperimentSummary) -> String {
         let mut table = Table::new(&["set", "frames", "touches", "forces, N", "median change"]);
-        for set in &summary.sets {
-            if set.frames == 0 {
-                table.row([set.name, "0", "0", "", ""].map(String::from));
-                continue;
-            }
+        for set in summary.sets.iter().filter(|set| set.frames > 0) {
             table.row([
                 set.name.to_string(),
                 set.frames.to_string(),

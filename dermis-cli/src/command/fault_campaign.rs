@@ -1,7 +1,7 @@
 //! `dermis fault-campaign`: random faults of an emulated device.
 
 use crate::console::{Progress, print, print_json};
-use crate::failure::{Outcome, check_folder};
+use crate::failure::Outcome;
 use crate::method::METHOD_HELP;
 use crate::range::{count, seed};
 use crate::twin::TwinArguments;
@@ -42,7 +42,6 @@ pub struct Arguments {
 impl Arguments {
     /// Runs the campaign.
     pub fn run(self) -> Outcome {
-        self.output.iter().try_for_each(|output| check_folder(output))?;
         let skin = Skin::load(&self.design)?;
         let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin, self.method.as_deref())?);
         let options = CampaignOptions {

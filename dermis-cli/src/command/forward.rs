@@ -7,7 +7,7 @@ use crate::range::number;
 use crate::skin;
 use clap::Args;
 use dermis::contact::Contact;
-use dermis::frame::{Frame, Truth, read_table, read_truth};
+use dermis::frame::{Frame, Truth, read_table};
 use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_sim::touch::{GaussianTouch, touched_conductivity};
@@ -96,7 +96,7 @@ impl Arguments {
             let message = format!("{} names frame {last}: at most {most} of this skin are simulated", path.display());
             return Err(Failure::given(message, Some("number the frames from 0")));
         }
-        let Truth::OnSkin(frames) = read_truth(path, &skin::place_limits(skin), last as usize + 1)? else {
+        let Truth::OnSkin(frames) = skin::read_truth(skin, path, last as usize + 1)? else {
             return Err(Failure::given(format!("{} has no header", path.display()), Some("name the columns")));
         };
         Ok(frames)

@@ -3,7 +3,7 @@
 use crate::build_watch::check_first_frames;
 use crate::channels::LeaveOutElectrodes;
 use crate::console::{note, on_interrupt, say};
-use crate::failure::{Failure, Outcome, check_folder};
+use crate::failure::{Failure, Outcome};
 use crate::latency;
 use crate::method::METHOD_HELP;
 use crate::range::{Part, number, part, size};
@@ -114,7 +114,9 @@ const WAITING: usize = 1 << 16;
 impl Arguments {
     /// Reads the skin until interrupted.
     pub fn run(self) -> Outcome {
-        self.check_folders()?;
+        if let Some(path) = &self.record {
+            self.limits().check_new(path).map_err(dermis_live::LiveError::from)?;
+        }
         let design = SkinDesign::load(&self.design)?;
         let left_out = self.leave_out.of(&design.protocol)?;
         let state = self.kept_state(&left_out)?;
@@ -148,11 +150,6 @@ impl Arguments {
         let _waiting = crate::console::Progress::waiting("preparing");
         let skin = Skin::load(&self.design)?;
         Ok(Arc::new(MethodSet::new(&dermis_learn::methods(), skin, self.method.as_deref())?))
-    }
-
-    /// Refuses output files in missing folders before anything starts.
-    fn check_folders(&self) -> Outcome {
-        [&self.record, &self.state, &self.latency].into_iter().flatten().try_for_each(|path| check_folder(path))
     }
 
     /// Plays a recording. Options given here override the recorded settings.

@@ -4,6 +4,7 @@ mod result;
 
 use crate::console::Progress;
 use crate::failure::Outcome;
+use crate::picture::picture;
 use crate::range::{count, number, parsed, seed};
 use crate::twin::TwinArguments;
 use clap::{Args, ValueEnum};
@@ -79,11 +80,11 @@ pub struct Arguments {
     /// Write the bound against the number of readings (.csv or .svg).
     #[arg(long, value_name = "FILE", requires = "slots")]
     slots_curve: Option<PathBuf>,
-    /// Write a map of the new design's bound (SVG).
-    #[arg(long, value_name = "FILE")]
+    /// Write a map of the new design's bound (SVG, PNG).
+    #[arg(long, value_name = "FILE", value_parser = picture())]
     map: Option<PathBuf>,
-    /// Write a map of the given design's bound, with the same colours (SVG).
-    #[arg(long, value_name = "FILE")]
+    /// Write a map of the given design's bound, with the same colours (SVG, PNG).
+    #[arg(long, value_name = "FILE", value_parser = picture())]
     given_map: Option<PathBuf>,
     /// Print JSON (SI units) instead of tables.
     #[arg(long)]

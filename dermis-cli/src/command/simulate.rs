@@ -35,7 +35,7 @@ pub struct Arguments {
     #[arg(long, value_name = "S", required_unless_present_any = ["finish", "verify"], value_parser = seed)]
     seed: Option<u64>,
     /// Folder for the files.
-    #[arg(short, long, value_name = "DIR", required_unless_present_any = ["finish", "verify"])]
+    #[arg(short, long, value_name = "FOLDER", required_unless_present_any = ["finish", "verify"])]
     output: Option<PathBuf>,
     /// Recipe of the touches and skins (TOML), instead of the options below.
     #[arg(long, value_name = "FILE", conflicts_with_all = RECIPE)]
@@ -77,10 +77,10 @@ pub struct Arguments {
     #[arg(long, value_name = "N", value_parser = count(1..=1024usize))]
     threads: Option<usize>,
     /// Check that all files of a folder are complete and write its manifest.
-    #[arg(long, value_name = "DIR", conflicts_with_all = MAKING)]
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = MAKING)]
     finish: Option<PathBuf>,
     /// Verify the checksums of a folder's files.
-    #[arg(long, value_name = "DIR", conflicts_with_all = MAKING, conflicts_with = "finish")]
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = MAKING, conflicts_with = "finish")]
     verify: Option<PathBuf>,
     /// Print JSON.
     #[arg(long)]
@@ -188,7 +188,8 @@ impl Arguments {
             return print_json(&json!(made));
         }
         print(&format!(
-            "{}: {} samples in {}, {:.0} samples/s; {} existed already\n",
+            "{0}: {1} samples in {2}, {3:.0} samples/s; {4} existed already\n\
+             when all files are there: dermis simulate --finish {0}\n",
             folder.display(),
             made.report.made_samples,
             counted(made.report.made_files, "file"),

@@ -23,16 +23,16 @@ pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
     /// Finished dataset of `dermis simulate`; may be given more than once.
-    #[arg(long, value_name = "DIR", required_unless_present = "stream")]
+    #[arg(long, value_name = "FOLDER", required_unless_present = "stream")]
     data: Vec<PathBuf>,
     /// Generate samples during training from a recipe (TOML), or from `gaussian`: Gaussian touches on random skins.
     #[arg(long, value_name = "RECIPE", conflicts_with_all = ["data", "test"])]
     stream: Option<PathBuf>,
     /// Finished dataset for testing [default: the last thirtieth of each --data]
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "FOLDER")]
     test: Vec<PathBuf>,
     /// Folder for the model.
-    #[arg(short, long, value_name = "DIR")]
+    #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
     /// Network and training preset.
     #[arg(long, value_enum, default_value_t = NetworkName::Paper)]
@@ -198,9 +198,14 @@ impl Arguments {
                 epochs: &record.epochs,
             });
         }
+        let (done, most) = (record.epochs.len(), record.options.epochs);
+        let end = match done < most {
+            true => format!("ended after {done} of {most} epochs, as the test loss no longer fell; "),
+            false => String::new(),
+        };
         let least = record.epochs.iter().map(|epoch| epoch.test_loss).fold(f64::INFINITY, f64::min);
         print(&format!(
-            "{}: {} parameters, lowest test loss {least:.4e}, {:.1} % of the target's variance\n",
+            "{}: {} parameters, {end}lowest test loss {least:.4e}, {:.1} % of the target's variance\n",
             self.output.display(),
             model.network().learned_count(),
             100.0 * least / record.target_variance

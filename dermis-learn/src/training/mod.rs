@@ -67,7 +67,7 @@ impl Training {
         design: &SkinDesign,
         forward: &ForwardModel,
         pixels: Arc<PixelSpace>,
-        preset: TrainingPreset,
+        mut preset: TrainingPreset,
         data: TrainingData,
     ) -> Result<Self, LearnError> {
         let mut datasets: Arc<[Dataset]> = Arc::new([]);
@@ -91,11 +91,14 @@ impl Training {
         };
         let samples = |source| Samples::new(source, forward, &pixels, &preset);
         let [training, test] = sources.map(samples);
+        let (training, test) = (training?, test?);
+        // A small dataset is one step.
+        preset.options.batch = preset.options.batch.min(training.source().len());
         Ok(Training {
             skin: SkinRecord::new(&design.name, forward, &pixels),
             data: datasets,
-            training: training?,
-            test: test?,
+            training,
+            test,
             pixels,
             preset,
         })

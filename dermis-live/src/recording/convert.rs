@@ -228,6 +228,8 @@ fn contact_lines(file: &mut impl Write, frame: usize, row: &Row, columns: &mut C
         for (column, &bytes) in CONTACT_COLUMNS.iter().zip(&contact) {
             match column.is_count {
                 true => write!(file, ",{}", u32::from_le_bytes(bytes))?,
+                // What is not known is empty in a table.
+                false if f32::from_le_bytes(bytes).is_nan() => write!(file, ",")?,
                 false => write!(file, ",{:?}", f32::from_le_bytes(bytes))?,
             }
         }

@@ -45,7 +45,10 @@ impl RecordingLimits {
     }
 
     /// Refuses to record into files that exist.
-    pub(super) fn check_new(&self, path: &Path) -> Result<(), RecordError> {
+    ///
+    /// # Errors
+    /// A file of that name, or a part of a recording of that name.
+    pub fn check_new(&self, path: &Path) -> Result<(), RecordError> {
         let exists = |path: PathBuf| Err(RecordError::Exists { path });
         if path.exists() {
             return exists(path.into());

@@ -9,7 +9,7 @@ use dermis::geom::vector::{centroid, distance};
 use dermis::method::{MethodSet, Methods};
 use dermis::pipeline::{Command, FrameInput, Pipeline, Settings, Timestamp};
 use dermis::skin::Skin;
-use dermis_robot::{Robot, Rule, SEAM_M, When, WornSkin};
+use dermis_robot::{Kinematics, Robot, Rule, SEAM_M, When, WornSkin};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
@@ -67,6 +67,8 @@ pub struct SkinReport {
     pub cells: usize,
     /// Time of its pipeline for a frame, median, s.
     pub frame_s: f64,
+    /// The largest force that its method states, N; `None` if it has no limit or is not known.
+    pub most_force_n: Option<f64>,
     /// Whether its contacts have forces, which take a calibration or a method that knows them; `None` if the method did not find
     /// the touch that was tried.
     pub forces: Option<bool>,
@@ -107,19 +109,15 @@ pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotRepo
             channels: skin.design().protocol.channel_count(),
             cells: skin.mesh().cell_count(),
             frame_s,
+            most_force_n: most_force_n(worn, set)?,
             forces,
         });
     }
-    let places: Vec<Vec<Point3>> = robot.skins().iter().zip(&sets).map(|(worn, set)| places(worn, set)).collect();
     let mut neighbours = Vec::new();
     for (a, worn) in robot.skins().iter().enumerate() {
         for (b, other) in robot.skins().iter().enumerate().skip(a + 1).filter(|(_, other)| other.link == worn.link) {
-            let half_m = sets[b].skin().pixels().half_pixel_m();
-            let nearest =
-                |place: &Point3| places[b].iter().map(|at| distance(*place, *at)).fold(f64::INFINITY, f64::min);
-            let apart: Vec<f64> = places[a].iter().map(nearest).collect();
-            let distance_m = (apart.iter().copied().fold(f64::INFINITY, f64::min) - 2.0 * half_m).max(0.0);
-            let overlap = apart.iter().filter(|apart| **apart < half_m).count() as f64 / apart.len() as f64;
+            let [first, second] = [(worn, sets[a].skin()), (other, sets[b].skin())];
+            let (distance_m, overlap) = (distance_m(first, second), overlap(first, second));
             if distance_m < SEAM_M {
                 let skins = [worn.name.clone(), other.name.clone()];
                 neighbours.push(Neighbours { skins, distance_m, overlap });
@@ -137,7 +135,9 @@ pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotRepo
         joints: joints.unwrap_or_default(),
         warnings: unconnected(robot)
             .into_iter()
+            .chain(robot.kinematics().into_iter().flat_map(Kinematics::doubtful_limits))
             .chain(robot.rules().iter().filter_map(|rule| without_forces(rule, &skins)))
+            .chain(robot.rules().iter().filter_map(|rule| beyond_forces(rule, &skins)))
             .collect(),
         cores: rate_hz * read_here.map(|(skin, _)| skin.frame_s).sum::<f64>(),
         skins,
@@ -146,9 +146,37 @@ pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotRepo
     })
 }
 
-/// The pixels of a skin in its link's frame, m.
-fn places(worn: &WornSkin, set: &MethodSet) -> Vec<Point3> {
-    set.skin().pixels().centres_m.iter().map(|place| worn.origin.point(*place)).collect()
+/// Distances of places of a skin from the surface of another one of its link, m.
+fn distances_m(
+    places_m: &[Point3],
+    (worn, _): (&WornSkin, &Skin),
+    (other, on): (&WornSkin, &Skin),
+) -> impl Iterator<Item = f64> {
+    let limits = on.mesh().place_limits(on.design().body.surface());
+    let to_other = other.origin.inverse().after(&worn.origin);
+    places_m.iter().map(move |&place_m| limits.distance_m(to_other.point(place_m)))
+}
+
+/// The distance of the nearest points of two skins of a link, m: of the nodes of each from the other.
+fn distance_m(a: (&WornSkin, &Skin), b: (&WornSkin, &Skin)) -> f64 {
+    let from =
+        |one: (&WornSkin, &Skin), other| distances_m(&one.1.mesh().nodes, one, other).fold(f64::INFINITY, f64::min);
+    from(a, b).min(from(b, a))
+}
+
+/// The part of a skin that lies on another one of its link: of its pixels. Those at a common edge are half a pixel from it.
+fn overlap(a: (&WornSkin, &Skin), b: (&WornSkin, &Skin)) -> f64 {
+    const ON_IT: f64 = 0.25;
+    let pixels = a.1.pixels();
+    let on_m = ON_IT * pixels.half_pixel_m();
+    let on = distances_m(&pixels.centres_m, a, b).filter(|distance_m| *distance_m < on_m).count();
+    on as f64 / pixels.len() as f64
+}
+
+/// The largest force that the method of a skin states, N.
+fn most_force_n(worn: &WornSkin, set: &MethodSet) -> Result<Option<f64>, LiveError> {
+    let method = set.method(worn.method.as_deref().unwrap_or(Methods::BEST))?;
+    Ok(method.reconstruct().detection().forces.and_then(|forces| forces.most_n))
 }
 
 /// Skins whose links no chain of joints connects to the base.
@@ -183,6 +211,19 @@ fn without_forces(rule: &Rule, skins: &[SkinReport]) -> Option<String> {
             without.join(", ")
         )
     })
+}
+
+/// Why a rule waits for a force that the methods of its skins do not state.
+fn beyond_forces(rule: &Rule, skins: &[SkinReport]) -> Option<String> {
+    let When::ForceN(force_n) = rule.when else { return None };
+    let is_below = |skin: &&SkinReport| skin.most_force_n.is_some_and(|most_n| most_n < force_n);
+    let skin = rule.skins.iter().map(|&skin| &skins[skin]).find(is_below)?;
+    let most_n = skin.most_force_n?;
+    Some(format!(
+        "the rule `{}` waits for {force_n} N, but forces of `{}` end at {most_n} N: a stronger touch has an unknown force, and with \
+         `unknown = \"keep\"` or \"ignore\" the rule never begins; choose at most {most_n} N, or calibrate with stronger presses",
+        rule.name, skin.skin
+    ))
 }
 
 /// A frame of the model, touched near the middle of the skin: half the conductance more, or a third less, around a place.

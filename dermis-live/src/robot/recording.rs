@@ -16,7 +16,7 @@ use crate::{LiveError, clock};
 use dermis::method::{MethodSet, Methods};
 use dermis::pipeline::Timestamp;
 use dermis::skin::Skin;
-use dermis_robot::{Robot, RobotState, RuleEvent, SkinFrame, UnknownReason};
+use dermis_robot::{Robot, RobotState, RuleEvent, SkinFrame, UnknownReason, WornSkin};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -127,6 +127,9 @@ impl RobotRecording {
         for worn in robot.skins() {
             let skin = Skin::load(&worn.design)?;
             write(skins.join(format!("{}.toml", worn.name)), skin.design_text().unwrap_or_default())?;
+            if let Some(method) = worn.method.as_deref().filter(|method| dermis::method::is_path(method)) {
+                copy_files(Path::new(method), &folder.join(method_of(worn)))?;
+            }
         }
         let path = folder.join(INPUTS);
         let file = File::create_new(&path).map_err(|error| io(&path, error))?;
@@ -210,13 +213,33 @@ fn write_lines(inputs: &Receiver<Line>, mut out: BufWriter<File>) -> std::io::Re
     }
 }
 
-/// The file of a robot with the files of its recording; folders of methods are where they were.
+/// The file of a robot with the files of its recording.
 fn moved(robot: &Robot) -> String {
     robot.text_with_paths(DESCRIPTION, |worn| {
-        let folder = worn.method.as_deref().filter(|method| dermis::method::is_path(method));
-        let folder = folder.and_then(|folder| std::path::absolute(folder).ok());
-        (format!("{SKINS}/{}.toml", worn.name), folder.map(|folder| folder.display().to_string()))
+        let is_folder = worn.method.as_deref().is_some_and(dermis::method::is_path);
+        (format!("{SKINS}/{}.toml", worn.name), is_folder.then(|| method_of(worn)))
     })
+}
+
+/// The folder of a skin's model or calibration in a recording.
+fn method_of(worn: &WornSkin) -> String {
+    format!("{SKINS}/{}.method", worn.name)
+}
+
+/// Copies the files of a model or calibration.
+fn copy_files(from: &Path, to: &Path) -> Result<(), LiveError> {
+    let io = |path: &Path| {
+        let path = path.to_path_buf();
+        |source| LiveError::Io { path, source }
+    };
+    fs::create_dir_all(to).map_err(io(to))?;
+    for entry in fs::read_dir(from).map_err(io(from))? {
+        let path = entry.map_err(io(from))?.path();
+        if path.is_file() {
+            fs::copy(&path, to.join(path.file_name().unwrap_or_default())).map_err(io(&path))?;
+        }
+    }
+    Ok(())
 }
 
 /// A recording of a robot that is replayed: the same inputs give the same events and snapshots.
@@ -371,9 +394,11 @@ impl RobotReplay {
     /// A skin is read from another file; from none if it ended before its first frame.
     fn read(&mut self, skin: usize, file: &str) -> Result<(), LiveError> {
         let path = self.folder.join(SKINS).join(file);
-        let SkinReplay { methods, replay, next } = &mut self.skins[skin];
-        (*replay, *next) = (None, None);
-        if path.exists() {
+        let SkinReplay { methods, replay, next, lacking } = &mut self.skins[skin];
+        (*replay, *next, *lacking) = (None, None, None);
+        if !path.exists() {
+            *lacking = Some(path);
+        } else {
             let methods = match methods {
                 Some(methods) => methods,
                 None => methods.insert(Prepared::new(&self.methods).of(&self.state.robot().skins()[skin])?),
@@ -391,11 +416,17 @@ struct SkinReplay {
     replay: Option<Replay>,
     /// A frame that is later than the last one that was asked for.
     next: Option<Box<LiveFrame>>,
+    /// Its file, if it is not there.
+    lacking: Option<PathBuf>,
 }
 
 impl SkinReplay {
     /// The frame that was measured at a time.
     fn frame(&mut self, measured_at: Timestamp) -> Result<Option<Box<LiveFrame>>, LiveError> {
+        if let Some(path) = &self.lacking {
+            let message = format!("{} is missing, and the robot took frames of it: restore the file", path.display());
+            return Err(LiveError::Given(message));
+        }
         let Some(replay) = &mut self.replay else { return Ok(None) };
         loop {
             let frame = match self.next.take() {

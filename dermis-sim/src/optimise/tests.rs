@@ -5,6 +5,7 @@ use crate::twin::TouchOptions;
 use dermis::geom::vector::distance;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
+use std::sync::LazyLock;
 
 /// A tube with ten discs in two rings, none of them in the upper half.
 const TUBE: &str = r#"
@@ -54,6 +55,14 @@ fn optimiser(options: &OptimiseOptions) -> Optimiser {
     Optimiser::new(TUBE, "tube", &twin(), options).unwrap()
 }
 
+/// An optimiser with few moves, and its first two starts: they take long.
+static FEW_MOVES: LazyLock<(Optimiser, [Start; 2])> = LazyLock::new(|| {
+    let optimiser = optimiser(&OptimiseOptions { moves: 3, ..OptimiseOptions::default() });
+    let layouts = optimiser.layouts(10).unwrap();
+    let starts = [0, 1].map(|index| layouts.start(index).unwrap());
+    (optimiser, starts)
+});
+
 fn moved(electrodes_m: &[Point3]) -> SkinDesign {
     SkinDesign::parse(&design_text(TUBE, "tube", "moved", electrodes_m, None).unwrap(), "moved").unwrap()
 }
@@ -61,15 +70,13 @@ fn moved(electrodes_m: &[Point3]) -> SkinDesign {
 /// Discs shield what is beside them, which the fast model leaves out: presses within two radii of a disc are not compared.
 #[test]
 fn the_fast_model_has_the_exact_bounds() {
-    let options = OptimiseOptions { moves: 5, ..OptimiseOptions::default() };
-    let optimiser = optimiser(&options);
+    let (optimiser, starts) = &*FEW_MOVES;
     let layouts = optimiser.layouts(10).unwrap();
-    for index in [0, 1] {
-        let electrodes_m = layouts.start(index).unwrap().electrodes_m;
-        let design = moved(&electrodes_m);
-        let bounds = Bounds::new(&design, &twin(), &options.bound).unwrap();
+    for Start { electrodes_m, .. } in starts {
+        let design = moved(electrodes_m);
+        let bounds = Bounds::new(&design, &twin(), &BoundOptions::default()).unwrap();
         let mut logarithms = Vec::new();
-        for (place_m, model_m) in layouts.model_bounds(&electrodes_m).unwrap() {
+        for (place_m, model_m) in layouts.model_bounds(electrodes_m).unwrap() {
             let away = |centre: &Point3| design.body.surface().distance_m(*centre, place_m);
             if electrodes_m.iter().map(away).fold(f64::INFINITY, f64::min) > 0.012 {
                 let exact_m =
@@ -127,19 +134,19 @@ fn a_pixel_under_an_electrode_has_no_bound_and_keeps_its_place() {
 
 #[test]
 fn a_start_depends_on_its_index_and_the_seed_alone() {
-    let options = OptimiseOptions { moves: 3, ..OptimiseOptions::default() };
-    let start = |index: usize| optimiser(&options).layouts(10).unwrap().start(index).unwrap();
-    assert_eq!(start(2), start(2));
-    assert_ne!(start(1).electrodes_m, start(2).electrodes_m);
+    let (optimiser, [_, another]) = &*FEW_MOVES;
+    let start = || optimiser.layouts(10).unwrap().start(2).unwrap();
+    let third = start();
+    assert_eq!(third, start());
+    assert_ne!(another.electrodes_m, third.electrodes_m);
 }
 
 /// Half of the readings of an adjacent pattern repeat the others by reciprocity: the best half costs less than the noise
 /// of half the frames, and it is not any half.
 #[test]
 fn the_best_half_of_the_readings_is_chosen() {
-    let options = OptimiseOptions { moves: 5, ..OptimiseOptions::default() };
-    let design = moved(&optimiser(&options).layouts(10).unwrap().start(0).unwrap().electrodes_m);
-    let select = |slots: usize| select_readings(&design, &twin(), &options.bound, Objective::Mean, slots, |_| {});
+    let (design, options) = (moved(&FEW_MOVES.1[0].electrodes_m), BoundOptions::default());
+    let select = |slots: usize| select_readings(&design, &twin(), &options, Objective::Mean, slots, |_| {});
     // 10 drives x 9 measures and 10 currents.
     let all = select(100).unwrap();
     assert_eq!(all, design.protocol.channels());
@@ -148,7 +155,7 @@ fn the_best_half_of_the_readings_is_chosen() {
     let mean = |channels: &[Channel]| {
         let protocol = dermis::protocol::Protocol::new(10, channels.to_vec()).unwrap();
         let part = SkinDesign { protocol, ..design.clone() };
-        judge(&part, &with_noise_of(&twin(), &part, &design).unwrap(), &options.bound).unwrap().mean_m
+        judge(&part, &with_noise_of(&twin(), &part, &design).unwrap(), &options).unwrap().mean_m
     };
     let [full, chosen, first] = [mean(&all), mean(&half), mean(&all[..half.len()])];
     println!(

@@ -402,7 +402,11 @@ impl Source<'_> {
             PatternTable::Channels(rows) => {
                 let rows: Vec<_> = rows.iter().map(|row| row.0).enumerate().collect();
                 let channels = numbered(&rows, electrode_count, first.unwrap_or(0)).map_err(|(index, message)| {
-                    self.fail(Some(table.pattern.span.clone()), format!("row {index} of `channels` {message}"), None)
+                    self.fail(
+                        Some(table.pattern.span.clone()),
+                        format!("channel {index} of `channels`, its row {}, {message}", index + 1),
+                        None,
+                    )
                 })?;
                 Protocol::new(electrode_count, channels)
             }

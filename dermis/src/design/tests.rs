@@ -436,7 +436,7 @@ fn channels_are_listed_in_the_design_and_may_count_from_one() {
     let one = patterned("first_electrode = 1\npattern.channels = [[1, 16, 2, 3], [4, 5, 6, 7]]").unwrap();
     assert!(zero.channels() == expected && one == zero);
     let error = patterned("pattern.channels = [[4, 5, 6, 7], [1, 16, 2, 3]]").unwrap_err();
-    assert!(error.contains("row 1 of `channels` names electrode 16"), "{error}");
+    assert!(error.contains("channel 1 of `channels`, its row 2, names electrode 16"), "{error}");
     assert!(error.contains("write `first_electrode = 1` in [protocol]"), "{error}");
     assert!(patterned("pattern.channels = [[0, 0, 1, 2]]").unwrap_err().contains("drives electrode 0 against itself"));
     assert!(patterned("pattern.channels = [[0, 1, 2]]").is_err());

@@ -122,7 +122,7 @@ pub struct Detector {
     noise: Option<ImageNoise>,
     /// The change of conductance where the image is positive, if contacts of both signs are looked for.
     positive: Option<ConductanceChange>,
-    /// Whether nothing is known of the noise: no contact is then more probable than not.
+    /// Whether nothing is known of the noise, or frames do not fit: no contact is then more probable than not.
     is_doubtful: bool,
     /// Takes spikes of single channels out of differences.
     spikes: Option<Arc<SpikeFilter>>,
@@ -151,6 +151,11 @@ impl Detector {
             Some(filter) => filter.apply(difference),
             None => Cow::Borrowed(difference),
         }
+    }
+
+    /// The probability of a contact as far as there are grounds for it.
+    pub(crate) fn with_grounds(&self, confidence: f64) -> f64 {
+        if self.is_doubtful { confidence.min(DOUBT) } else { confidence }
     }
 
     /// The same detector for images of which nothing tells the noise: no contact is then more probable than not.

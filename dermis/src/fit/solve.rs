@@ -243,9 +243,28 @@ impl Search {
             }
         }
         let Point { unknowns, residuals } = point;
-        let information = self.information(&derivatives, data, &data.weights(variances))?;
-        let sd = information.sd(unknowns.len(), &self.free);
+        let weights = data.weights(variances);
+        let information = self.information(&derivatives, data, &weights)?;
+        let mut sd = information.sd(unknowns.len(), &self.free);
+        for kept in (0..unknowns.len()).filter(|one| !self.free.contains(one)) {
+            let shifts = self.shifts(kept, &derivatives, &weights, &information.covariance);
+            let add = |(&one, shift): (&usize, f64)| sd[one] = sd[one].hypot(PRIOR_SD * shift);
+            self.free.iter().zip(shifts).for_each(add);
+        }
         Ok(Estimate { residuals, unknowns, sd, model_variances: variances })
+    }
+
+    /// How much the free unknowns change with one that is kept.
+    fn shifts(&self, kept: usize, derivatives: &Matrix, weights: &[f64], covariance: &Matrix) -> Vec<f64> {
+        let with_kept = |&one: &usize| -> f64 {
+            let products = weights.iter().enumerate();
+            products
+                .map(|(channel, weight)| weight * derivatives.at(channel, one) * derivatives.at(channel, kept))
+                .sum()
+        };
+        let mut shifts = vec![0.0; self.free.len()];
+        covariance.product_into(&self.free.iter().map(with_kept).collect::<Vec<f64>>(), &mut shifts);
+        shifts
     }
 
     fn information(&self, derivatives: &Matrix, data: &Data, weights: &[f64]) -> crate::Result<Information> {

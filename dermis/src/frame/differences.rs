@@ -21,6 +21,9 @@ pub struct Differences {
     pub untouched: Vec<Frame>,
     /// The mean of the untouched frames, ohm; `None` if they are not known.
     pub baseline: Option<Frame>,
+    /// Whether something is wrong with all frames, as `Plausibility` finds: no contact is then more
+    /// probable than not.
+    pub is_doubtful: bool,
 }
 
 impl Differences {
@@ -34,7 +37,7 @@ impl Differences {
         };
         let minus_rest = |frames: &[Frame]| frames.iter().map(|frame| frame - &rest).collect();
         let (frames, untouched) = (minus_rest(&frames), minus_rest(&untouched));
-        Differences { frames, untouched, baseline: Some(rest) }
+        Differences { frames, untouched, baseline: Some(rest), is_doubtful: false }
     }
 
     /// Frames minus the untouched frames of the same rows, ohm: a skin that drifts between presses is recorded up and down.
@@ -58,6 +61,7 @@ impl Differences {
             frames: frames.iter().zip(&untouched).map(|(frame, rest)| frame - rest).collect(),
             baseline: mean(&untouched),
             untouched: untouched.windows(2).map(step).collect(),
+            is_doubtful: false,
         }
     }
 

@@ -137,7 +137,11 @@ impl Mesh {
             let place = self.nodes[node].map(|x| (x + 0.0).to_bits());
             if let Some(other) = at.insert(place, node) {
                 let (low, high) = (other.min(node), other.max(node));
-                return invalid(format!("the mesh is torn: nodes {low} and {high} lie at one place; merge them"));
+                return invalid(format!(
+                    "the mesh is torn at {:?} m, where nodes {low} and {high} lie at one place: merge vertices that are there \
+                     twice; a vertex on the edge of another triangle must be a corner of it",
+                    self.nodes[node]
+                ));
             }
         }
         Ok(())
@@ -214,7 +218,11 @@ impl Mesh {
         }
         for cell in 0..self.cell_count() {
             if !touched[root(&mut part, self.cells.corners(cell)[0])] {
-                return invalid(format!("no electrode touches the part of the mesh that holds cell {cell}"));
+                let near_m = self.nodes[self.cells.corners(cell)[0]];
+                return invalid(format!(
+                    "a part of the body, at {near_m:?} m, has no electrode (cell {cell} is in it): remove the part, join it to \
+                     the rest, or place an electrode on it"
+                ));
             }
         }
         Ok(())

@@ -10,7 +10,7 @@ use crate::skin::Skin;
 use std::sync::Arc;
 
 /// Their names.
-pub(super) const NAMES: [&str; 6] = ["noser", "laplace", "tikhonov", "gauss-newton", "tv", "greit"];
+pub(super) const NAMES: &[&str] = &["noser", "laplace", "tikhonov", "gauss-newton", "tv", "greit"];
 
 /// The default method.
 pub(super) fn default_name(skin: &Skin) -> &'static str {

@@ -239,15 +239,16 @@ impl Method {
         }
     }
 
-    /// The detector for differences, with the noise that they and their untouched frames show. Where that is unknown, no contact
-    /// is probable.
+    /// The detector for differences, with the noise that they and their untouched frames show. Where that is unknown, or the
+    /// differences are doubtful, no contact is more probable than not.
     ///
     /// # Errors
     /// A reconstruction that fails on a frame.
     pub fn detector_of(&self, differences: &Differences, protocol: &Protocol) -> Result<Detector, ReconstructError> {
         let detector = Detector::new(self.reconstruct.detection());
         let Some(noise) = ChannelNoise::of_differences(differences, protocol) else { return Ok(detector) };
-        let detector = if noise.source() == NoiseSource::Assumed { detector.with_doubt() } else { detector };
+        let is_doubtful = differences.is_doubtful || noise.source() == NoiseSource::Assumed;
+        let detector = if is_doubtful { detector.with_doubt() } else { detector };
         self.with_noise(detector, &noise, &differences.rest(), protocol)
     }
 
@@ -326,7 +327,7 @@ impl Methods {
     /// Another name of the [default](Self::default_name) method of a skin.
     pub const BEST: &'static str = "best";
     /// The names of the linear methods, which are available for every skin.
-    pub const LINEAR: [&str; 6] = linear::NAMES;
+    pub const LINEAR: &[&str] = linear::NAMES;
 
     /// The linear methods only.
     pub fn linear() -> Self {

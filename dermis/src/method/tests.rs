@@ -13,7 +13,7 @@ fn every_linear_method_reconstructs_and_knows_its_name() {
     let skin = skin();
     let methods = Methods::linear();
     let zero = Frame(vec![0.0; skin.design().protocol.channel_count()]);
-    for name in Methods::LINEAR {
+    for &name in Methods::LINEAR {
         let method = methods.method(&skin, name, &MethodOptions::default()).unwrap();
         assert_eq!(method.name(), name);
         let image = method.image(&zero).unwrap();

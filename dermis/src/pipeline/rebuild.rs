@@ -47,7 +47,7 @@ impl RebuildJob {
         if let Some(rest_ohm) = &rest_ohm {
             let untouched = untouched.iter().map(|frame| Frame(frame.clone())).collect();
             let baseline = Some(Frame(rest_ohm.clone()));
-            method = method.adapted(&Differences { frames: Vec::new(), untouched, baseline })?;
+            method = method.adapted(&Differences { untouched, baseline, ..Differences::default() })?;
         }
         let noise = noise_without(&method, &untouched, &masked, &methods.skin().design().protocol)?;
         let is_known = !masked.is_empty() && !noise_ohm.is_empty();

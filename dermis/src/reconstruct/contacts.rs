@@ -30,9 +30,13 @@ pub struct Detection {
     pub signal: f64,
 }
 
-/// A contact with its distance from the edge of the skin.
-fn with_edge(contact: Contact, image: &Image) -> Contact {
-    Contact { edge_m: image.space.edge_distance_m(contact.position_m), ..contact }
+/// A contact with its distance from the edge of the skin, and the confidence that there are grounds for.
+fn completed(contact: Contact, image: &Image, detector: &Detector) -> Contact {
+    Contact {
+        edge_m: image.space.edge_distance_m(contact.position_m),
+        confidence: detector.with_grounds(contact.confidence),
+        ..contact
+    }
 }
 
 impl dyn Reconstruct + '_ {
@@ -53,7 +57,8 @@ impl dyn Reconstruct + '_ {
         let difference = &search.detector.without_spikes(difference);
         self.reconstruct_into(difference, &mut image.values)?;
         if let Some(contacts) = self.contacts(difference)? {
-            let located = |contact| Detection { contact: with_edge(contact, image), signal: f64::INFINITY };
+            let located =
+                |contact| Detection { contact: completed(contact, image, search.detector), signal: f64::INFINITY };
             return Ok(contacts.into_iter().map(located).collect());
         }
         let detected = search.detector.detect_under(image);
@@ -62,7 +67,7 @@ impl dyn Reconstruct + '_ {
         if !search.detector.has_both_signs() {
             self.correct(difference, &mut contacts);
         }
-        contacts.iter_mut().for_each(|contact| *contact = with_edge(*contact, image));
+        contacts.iter_mut().for_each(|contact| *contact = completed(*contact, image, search.detector));
         let unseen = search.unseen.filter(|_| search.alone || !detected.is_empty());
         Ok(with_signals(&image.space.surface, contacts, &detected, unseen))
     }

@@ -82,7 +82,8 @@ pub struct RefineOptions {
     pub grain_m: f64,
     /// Edge of the squares on which a touch of any form changes the conductance by amounts of their own, m.
     pub inner_form_m: f64,
-    /// Standard deviation of the relative change of the whole coating's conductance since the untouched frames.
+    /// Standard deviation of the relative change of the coating's conductance since the untouched frames: of the whole, and at the ends
+    /// of its longest side, linear along each axis.
     pub coating_drift: f64,
     /// Standard deviation of the relative change of each contact impedance since the untouched frames.
     pub contact_drift: f64,

@@ -127,8 +127,12 @@ impl Responses {
             searched: Vec::new(),
             search_table: Vec::new(),
         };
-        let spread =
-            DriftSpread { sheet: options.coating_drift, contact: options.contact_drift, ..DriftSpread::default() };
+        let spread = DriftSpread {
+            sheet: options.coating_drift,
+            gradient: options.coating_drift,
+            contact: options.contact_drift,
+            ..DriftSpread::default()
+        };
         let drifts = directions(model, &spread)?;
         responses.whitening = Whitening::new((0..drifts.rows).map(|row| responses.over_noise(drifts.row(row))));
         responses.fill(model, &parts)?;

@@ -3,6 +3,7 @@
 use super::Arguments;
 use crate::console::{print, print_json};
 use crate::failure::{Failure, Outcome};
+use crate::picture::save;
 use crate::skin;
 use dermis::frame::write_whole;
 use dermis::text::counted;
@@ -64,7 +65,7 @@ impl Arguments {
             let skin = skin::load(&design)?;
             let key = Key { scale: Scale::sequential(both()), label: "standard deviation of the position (mm)".into() };
             let title = format!("Bound of the position, {}", counted(skin.design().electrodes.len(), "electrode"));
-            skin_map(&skin, values, key, title, self.conditions())?.write_svg(path)?;
+            save(&skin_map(&skin, values, key, title, self.conditions())?, path)?;
         }
         Ok(())
     }

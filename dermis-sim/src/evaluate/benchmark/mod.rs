@@ -238,7 +238,7 @@ impl Benchmark<'_> {
 
     /// The images of a recording, and the contacts in them, by the method adapted to its untouched frames.
     fn seen(&self, recording: &Recording, detector: &Detector) -> crate::Result<Seen> {
-        let Differences { frames, untouched, baseline } =
+        let Differences { frames, untouched, baseline, .. } =
             Differences::new(recording.frames.clone(), recording.untouched.clone());
         let adapted = baseline.map(|baseline| self.method.adapted(&baseline, &untouched)).transpose()?.flatten();
         let method = adapted.as_deref().unwrap_or(self.method);
