@@ -458,9 +458,39 @@ fn results_that_cannot_be_written_are_said() {
     let missing = at.refused("forward disk.toml -o no/such/folder.csv");
     assert!(missing.contains("no/such/folder.csv: there is no folder no/such"), "{missing}");
     assert!(at.refused("mesh disk.toml -o mesh.xyz").contains(".vtu, .msh or .stl"));
+    // Before anything is computed.
+    let map = at.refused("bound disk.toml --map nowhere/x.svg");
+    assert!(map.contains("--map nowhere/x.svg: there is no folder nowhere"), "{map}");
+    assert!(at.refused("bound disk.toml --force-map x.jpg").contains(".svg or .png"));
+    assert!(at.refused("bound disk.toml --map x.svg -o .").contains("--output .: it is a folder"));
+    assert!(at.refused("experiment disk.toml --seed 1 -o disk.toml").contains("--output disk.toml: it is a file"));
+    let same = at.refused("bound disk.toml --force-map x.svg -o disk.toml");
+    assert!(same.contains("--output disk.toml: the command reads this file"), "{same}");
     if cfg!(target_os = "linux") {
         assert!(at.refused("forward disk.toml -o /dev/full").contains("/dev/full: No space left"));
     }
+}
+
+#[test]
+fn touches_off_the_body_are_warned_of() {
+    let at = Workplace::new();
+    at.write("truth.csv", "frame,x_m,y_m\n0,0.0,0.0\n1,0.052,0.0\n2,0.058,0.0\n");
+    let output = at.run("forward disk.toml --touches truth.csv -o f.npy");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        output.status.success() && said.contains("touches of the frame 2 lie off the body, by up to 8 mm"),
+        "{said}"
+    );
+}
+
+#[test]
+fn sets_of_presses_that_have_no_room_are_named() {
+    let at = Workplace::new();
+    let none = at.refused("experiment disk.toml --seed 1 --sets four --presses 3 --apart 0.2 -o none");
+    assert!(none.contains("none of the presses fits") && !at.path("none").exists(), "{none}");
+    let output = at.run("experiment disk.toml --seed 1 --sets random,four --presses 3 --apart 0.2 -o some");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.contains("the set `four` has 0 of 3 frames"), "{said}");
 }
 
 #[test]

@@ -15,12 +15,45 @@ fn the_template_of_a_robot_is_checked_and_its_load_is_stated() {
     assert!(report["cores"].as_f64().unwrap() > 0.0 && report["neighbours"].as_array().unwrap().is_empty());
     let tree = at.good("robot links arm.urdf");
     assert!(tree.contains("    forearm_link  (elbow)\n"), "{tree}");
-    // Two skins in one place.
+    // A rule that its skins cannot meet, and a joint whose limits are in degrees.
     let text = std::fs::read_to_string(at.path("arm.toml")).unwrap();
+    at.write("strong.toml", text.replace("when = \"touched\"", "when = { force_n = 20.0 }"));
+    let urdf = std::fs::read_to_string(at.path("arm.urdf")).unwrap();
+    at.write("degrees.urdf", urdf.replacen("lower=\"", "lower=\"-9", 1));
+    at.write("degrees.toml", text.replace("arm.urdf", "degrees.urdf"));
+    let warned =
+        |file: &str| String::from_utf8_lossy(&at.run(&format!("robot check {file}")).stderr).replace("\n  │ ", " ");
+    assert!(
+        warned("strong.toml").contains("waits for 20 N, but forces of `forearm` end at 7.5 N"),
+        "{}",
+        warned("strong.toml")
+    );
+    assert!(warned("degrees.toml").contains("seem to be in degrees"), "{}", warned("degrees.toml"));
+    // Two skins in one place.
     let text = text.replace("hand_link", "forearm_link").replace("skin16", "cylinder30");
     at.write("arm.toml", text.replace("[0.02, 0, 0.05], rpy_rad = [0, 1.5707963, 0]", "[0, 0, 0.2]"));
     let said = at.refused("robot check arm.toml");
     assert!(said.contains("`forearm` and `palm` overlap") && said.contains("origin"), "{said}");
+}
+
+/// Plates above each other and side by side: distances are those of the surfaces.
+#[test]
+fn distances_of_skins_are_those_of_their_surfaces() {
+    let at = Workplace::empty();
+    at.good("new rectangle -o plate.toml");
+    let width_m = 0.2;
+    for (offset, expected_m) in [([0.0, 0.0, 0.005], 0.005), ([width_m + 0.003, 0.0, 0.004], 0.005)] {
+        let skin = |name: &str, at: [f64; 3]| {
+            format!(
+                "[[skin]]\nname = \"{name}\"\ndesign = \"plate.toml\"\nlink = \"arm\"\nsource = \"emulate\"\norigin = {{ xyz_m = {at:?} }}\n"
+            )
+        };
+        at.write("robot.toml", format!("name = \"robot\"\n{}{}", skin("a", [0.0; 3]), skin("b", offset)));
+        let report: Value = serde_json::from_str(&at.good("robot check robot.toml --json")).unwrap();
+        let neighbours = &report["neighbours"][0];
+        let distance_m = neighbours["distance_m"].as_f64().unwrap();
+        assert!((distance_m - expected_m).abs() < 1e-5 && neighbours["overlap"] == 0.0, "{offset:?}: {neighbours}");
+    }
 }
 
 #[test]
@@ -50,6 +83,15 @@ fn a_skin_is_made_around_a_link() {
     assert!(said.contains("is a mesh of the link itself"), "{said}");
     let said = at.refused("new link arm.urdf lower_arm -o out.stl --force");
     assert!(said.contains("a design ends in .toml"), "{said}");
+    // Halves meet and do not overlap.
+    let half = |name: &str, around: &str| {
+        at.good(&format!("new link arm.urdf lower_arm --electrodes 12 --around {around} -o {name}.toml"));
+        format!("[[skin]]\nname = \"{name}\"\ndesign = \"{name}.toml\"\nlink = \"lower_arm\"\nsource = \"emulate\"\n")
+    };
+    let halves = format!("name = \"arm\"\n{}{}", half("left", "0..180"), half("right", "180..360"));
+    at.write("halves.toml", halves);
+    let report: Value = serde_json::from_str(&at.good("robot check halves.toml --json")).unwrap();
+    assert_eq!(report["neighbours"][0]["overlap"], 0.0, "{report}");
     let mesh = at.good("mesh sleeve.toml");
     assert!(mesh.starts_with("sleeve: "), "{mesh}");
     for (arguments, expected) in [

@@ -256,11 +256,20 @@ fn a_limb_that_another_process_reads_is_joined_lost_and_found_again() {
 fn a_recorded_robot_says_the_same_when_it_is_replayed() {
     let at = Workplace::empty();
     robot(&at, ["tcp:127.0.0.1:1", "tcp:127.0.0.1:2"]);
+    // A model of its own travels with the recording.
+    let model = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../dermis-learn/models/skin16/shapes");
+    std::fs::create_dir(at.path("model")).unwrap();
+    for file in std::fs::read_dir(&model).unwrap().map(|file| file.unwrap().path()) {
+        std::fs::copy(&file, at.path("model").join(file.file_name().unwrap())).unwrap();
+    }
+    let text = std::fs::read_to_string(at.path("arm.toml")).unwrap();
+    at.write("arm.toml", text.replace("design = \"skin16\"", "design = \"skin16\"\nmethod = \"./model\""));
     let run = "robot run arm.toml --emulate --touch random --prerender 240 --serve off --jsonl - --record rec --for 5";
     let live = at.command(run).output().unwrap();
     assert!(live.status.success(), "{}", String::from_utf8_lossy(&live.stderr));
     std::fs::rename(at.path("rec"), at.path("elsewhere")).unwrap();
     ["arm.toml", "arm.urdf"].iter().for_each(|name| std::fs::remove_file(at.path(name)).unwrap());
+    std::fs::remove_dir_all(at.path("model")).unwrap();
     let replayed = at.command("robot replay elsewhere").output().unwrap();
     assert!(replayed.status.success(), "{}", String::from_utf8_lossy(&replayed.stderr));
     assert!(live.stdout.len() > 50_000, "{} bytes", live.stdout.len());
@@ -290,6 +299,9 @@ fn a_recorded_robot_says_the_same_when_it_is_replayed() {
     at.write("elsewhere/skins/forearm.mcap", &frames[..frames.len() / 2]);
     let lacking = at.refused("robot replay elsewhere --summary");
     assert!(lacking.contains("lack") && lacking.contains("frames"), "{lacking}");
+    std::fs::remove_file(at.path("elsewhere/skins/forearm.mcap")).unwrap();
+    let missing = at.refused("robot replay elsewhere --summary");
+    assert!(missing.contains("elsewhere/skins/forearm.mcap is missing"), "{missing}");
 }
 
 /// The page is served with its files, to its own host alone; what another page asks for is refused.

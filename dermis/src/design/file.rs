@@ -403,7 +403,7 @@ pub(super) enum ImageTable {
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(super) struct MeshTable {
-    /// Longest edge allowed, m.
+    /// Longest edge, m; edges of a body from a mesh file may be a third longer.
     pub max_edge_m: Option<At<f64>>,
     /// Length of the edges along an electrode's outline, m.
     pub electrode_edge_m: Option<At<f64>>,

@@ -139,7 +139,8 @@ pub enum RefineError {
 }
 
 /// Touches that leave more than this part of a frame's change, and more than noise and misfit, are not what changed it: contacts
-/// are then kept as they were detected, with [half](DOUBT) of their confidence.
+/// are then kept as they were detected, with [half](DOUBT) of their confidence. Drift that leaves less of it, where no touch is probable,
+/// is what changed it: there is then no contact.
 const MAX_LEFT: f64 = 0.5;
 /// Fewer values than this per unknown of the fit do not determine the contacts of a frame.
 const VALUES_PER_UNKNOWN: usize = 4;
@@ -213,7 +214,7 @@ impl Refiner {
     /// Contacts that are more probably one become one, one that is more probably two becomes two, one that is more probably
     /// none is removed, and touches that were not detected are added, at the end of the list, with ids that no detected contact
     /// has. Where touches explain less than half of the change, or none is probable, the contacts are kept as they were detected,
-    /// with half of their confidence.
+    /// with half of their confidence; where none is probable and drift explains more than half of it, there is none.
     ///
     /// # Panics
     /// If the difference has another length than the protocol.
@@ -235,18 +236,24 @@ impl Refiner {
     ) {
         let values = self.responses.whitened(difference);
         let count = self.responses.value_count() as f64;
-        if self.responses.value_count() < VALUES_PER_UNKNOWN * UNKNOWNS * contacts.len().max(1) {
-            return;
-        }
+        // More contacts than the values determine are kept, unless drift explains the frame.
+        let are_determined = self.responses.value_count() >= VALUES_PER_UNKNOWN * UNKNOWNS * contacts.len().max(1);
         let square = crate::linalg::dot(&values, &values);
         let misfit = self.options.misfit.powi(2) * square / count;
         let fit = Fit { responses: &self.responses, options: &self.options, values: &values, misfit, others: 0 };
         let start = |(index, contact): (usize, &Contact)| {
             Touch::at(self.responses.space().place(contact.position_m), Some(index))
         };
-        let fitted = fit.run(contacts.iter().enumerate().map(start).collect());
+        let fitted = fit.run(contacts.iter().enumerate().filter(|_| are_determined).map(start).collect());
         let residuals = fitted.state.sum_of_squares();
         let is_unexplained = residuals > (1.0 + misfit) * count && residuals > MAX_LEFT * square;
+        if fitted.state.touches.is_empty() && self.responses.left_by_drift(difference) < MAX_LEFT {
+            contacts.clear();
+            return;
+        }
+        if !are_determined {
+            return;
+        }
         if !contacts.is_empty() && (is_unexplained || fitted.state.touches.is_empty()) {
             contacts.iter_mut().for_each(|contact| contact.confidence *= DOUBT);
             return;

@@ -261,6 +261,14 @@ impl Responses {
         projected
     }
 
+    /// The part of a difference, of its square over the noise, that drift does not explain.
+    pub(super) fn left_by_drift(&self, difference: &[f64]) -> f64 {
+        let values = self.over_noise(difference);
+        let mut left = values.clone();
+        self.whitening.apply(&mut left);
+        crate::linalg::dot(&left, &left) / crate::linalg::dot(&values, &values)
+    }
+
     /// The values of a difference over their noise.
     fn over_noise(&self, difference: &[f64]) -> Vec<f64> {
         let value = |(value, sd): (&Vec<(usize, f64)>, &f64)| {

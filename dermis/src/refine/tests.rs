@@ -253,18 +253,45 @@ fn a_touch_that_was_not_detected_is_added() {
     }
 }
 
+/// The change of a frame by the coating, larger by a part of the conductance that is linear in the place, and by the contacts.
+fn drift_of(design: &SkinDesign, whole: f64, along: [f64; 3], contact: f64) -> Frame {
+    let mesh = Mesh::generate(design).unwrap();
+    let model = ForwardModel::new(design, &mesh).unwrap();
+    let part = |cell: usize| {
+        let [x, y, z] = mesh.cell_centre(cell);
+        // The cylinder is 0.3 m long.
+        1.0 + whole + (along[0] * x + along[1] * y + along[2] * (z - 0.15)) / 0.15
+    };
+    let coating: Vec<f64> = model.rest_conductivity().iter().enumerate().map(|(cell, s)| part(cell) * s).collect();
+    let impedances = model.contact_impedances().iter().enumerate();
+    let contacts: Vec<f64> = impedances.map(|(k, z)| z * (1.0 + contact * (1.7 * k as f64).sin())).collect();
+    let drifted = model.with_parameters(&mesh.nodes, &contacts, &coating).unwrap();
+    &drifted.solve(&coating).unwrap() - &model.solve(model.rest_conductivity()).unwrap()
+}
+
+/// A coating that has changed by half a percent from end to end, as by warmth, is no touch, unless drift is left out of the noise.
+#[test]
+fn a_gradient_of_the_coating_is_no_touch() {
+    for along in [[0.005, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.005], [0.0, 0.0, -0.01]] {
+        let touches = |options: RefineOptions| {
+            let (design, refiner) = refiner(0.06, options);
+            let mut contacts = vec![contact(design.body.surface().at(0.15, 1.0).unwrap())];
+            refiner.refine(&drift_of(&design, 0.0, along, 0.0), &mut contacts);
+            contacts.len()
+        };
+        let options = RefineOptions::default();
+        let (with, without) = (touches(options), touches(RefineOptions { coating_drift: 0.0, ..options }));
+        assert!(with == 0 && without > 0, "{along:?}: {with} touches, {without} without drift in the noise");
+    }
+}
+
 /// The coating and the contacts have drifted since the untouched frame: a contact hardly moves, unless drift is left out
 /// of the noise.
 #[test]
 fn drift_hardly_moves_a_contact() {
     let off_m = |options: RefineOptions| {
         let (design, refiner) = refiner(0.06, options);
-        let model = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
-        let coating: Vec<f64> = model.rest_conductivity().iter().map(|s| 1.01 * s).collect();
-        let impedances = model.contact_impedances().iter().enumerate();
-        let contacts: Vec<f64> = impedances.map(|(k, z)| z * (1.0 + 0.1 * (1.7 * k as f64).sin())).collect();
-        let drifted = model.with_parameters(&model.mesh().nodes, &contacts, &coating).unwrap();
-        let drift = &drifted.solve(&coating).unwrap() - &model.solve(model.rest_conductivity()).unwrap();
+        let drift = drift_of(&design, 0.01, [0.005, -0.005, 0.005], 0.1);
         let surface = design.body.surface();
         let place = surface.at(0.16, 2.5).unwrap();
         let change: Vec<f64> = refiner.change(place, 5e-5).iter().zip(drift.iter()).map(|(a, b)| a + b).collect();
