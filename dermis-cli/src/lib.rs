@@ -92,7 +92,7 @@ fn parsed(arguments: impl IntoIterator<Item = OsString>) -> Result<Arguments, cl
     let mut program = program();
     let mut matches = program.try_get_matches_from_mut(arguments)?;
     if let Some(message) = written::refusal(&program, &matches) {
-        return Err(program.error(ErrorKind::ValueValidation, message + "\n"));
+        return Err(program.error(ErrorKind::ValueValidation, message));
     }
     Arguments::from_arg_matches_mut(&mut matches).map_err(|error| error.format(&mut program))
 }

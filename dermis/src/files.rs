@@ -141,12 +141,9 @@ pub fn check_writable(path: &Path, is_folder: bool) -> Result<()> {
 
 /// Makes a temporary file or folder; an error names the folder and not the temporary name.
 fn made_in<T>(folder: &Path, make: impl FnOnce() -> Result<T>) -> Result<T> {
-    make().map_err(|error| match error.kind() {
-        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
-            let message = format!("the folder {} cannot be written ({}): name another", folder.display(), error.kind());
-            Error::new(error.kind(), message)
-        }
-        _ => error,
+    make().map_err(|error| {
+        let message = format!("the folder {} cannot be written ({}): name another", folder.display(), error.kind());
+        Error::new(error.kind(), message)
     })
 }
 

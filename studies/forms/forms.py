@@ -93,7 +93,11 @@ FORMS = {
     "ring, 70 mm": single(lambda s, z, t, a: ring(s, z, t, 0.035)),
     "two balls, 28 to 40 mm apart": lambda s, r: pair(s, r, r.uniform(0.028, 0.040)),
     "two balls, 45 mm apart": lambda s, r: pair(s, r, 0.045),
+    "ball, sd 4 mm, with drift": single(lambda s, z, t, a: ball(s, z, t, 0.004), (1, 5)),
+    "untouched, with drift": lambda s, r: ([], []),
 }
+# Of the conductance since the untouched frames, at most: linear along the axis, and across it.
+DRIFT = 0.01
 
 
 def contacts(dermis, method, frames, untouched, folder):
@@ -133,7 +137,9 @@ def main(dermis, methods):
         for skin, (seed, _) in zip(skins, SKINS):
             random = np.random.default_rng([seed, number])
             drawn = [objects(skin, random) for _ in range(FRAMES)]
-            frames = np.array([skin.frame(skin.pressure(pressed)) for pressed, _ in drawn])
+            drifts = random.uniform(-DRIFT, DRIFT, (FRAMES, 2)) if name.endswith("with drift") else np.zeros((FRAMES, 2))
+            pressures = [skin.pressure(pressed) if pressed else None for pressed, _ in drawn]
+            frames = np.array([skin.frame(pressure, drift) for pressure, drift in zip(pressures, drifts)])
             sd = np.sqrt((skin.untouched[far] ** 2).mean()) * 10 ** (-NOISE_DB / 20)
             noisy = frames + random.normal(0, sd, frames.shape)
             untouched = skin.untouched + random.normal(0, sd, (UNTOUCHED, frames.shape[1]))

@@ -103,9 +103,11 @@ class Skin:
         """The pressure at the nodes, Pa, of objects: pairs of a force and its relative pressure at the nodes."""
         return sum(force * form / (form * self.node_area).sum() for force, form in objects)
 
-    def frame(self, pressure):
-        """The 870 voltages of adjacent drives for a current of 1 A."""
-        sheet = self.sheet_siemens
+    def frame(self, pressure, drift=(0, 0)):
+        """The 870 voltages of adjacent drives for a current of 1 A. The conductance has drifted by parts that are linear along the axis
+        and across it: at an end, and where the angle is 0."""
+        along, across = 2 * self.z / LENGTH - 1, np.cos(self.theta)
+        sheet = self.sheet_siemens * (1 + (drift[0] * along + drift[1] * across)[self.triangles].mean(axis=1))
         if pressure is not None and self.patch is None:
             of_cell = pressure[self.triangles].mean(axis=1)
             sheet = sheet * (1 + COAT_RISE_PER_PA * of_cell / (1 + of_cell / COAT_SATURATION_PA))

@@ -270,6 +270,8 @@ impl Refiner {
             self.refined(contact, &fitted, index, &fit, edge_m)
         };
         *contacts = order.into_iter().map(refined).collect();
+        // A touch of no strength may lie anywhere on the skin.
+        contacts.retain(|contact| contact.sd_m < self.responses.area_m2().sqrt());
     }
 
     /// A contact with the place, form, strength and deviation of a touch.

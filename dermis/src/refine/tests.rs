@@ -1,6 +1,7 @@
 use super::*;
 use crate::contact::REGION_95_SD;
 use crate::design::SkinDesign;
+use crate::frame::Frame;
 use crate::geom::Surface;
 use crate::mesh::Mesh;
 use crate::stats::quantile;
@@ -215,7 +216,7 @@ fn a_contact_that_explains_nothing_is_left_out() {
     for (contact, place) in contacts.iter().zip(places) {
         let off_m = surface.distance_m(contact.position_m, place);
         // In one of 500 draws, a distance exceeds 3.5 deviations per axis.
-        assert!(off_m < 3.5 * contact.sd_m && off_m < 4e-3 && contact.sd_m < 7e-3, "{off_m}, stated {}", contact.sd_m);
+        assert!(off_m < 3.5 * contact.sd_m && off_m < 5e-3 && contact.sd_m < 7e-3, "{off_m}, stated {}", contact.sd_m);
     }
 }
 
