@@ -463,7 +463,8 @@ fn results_that_cannot_be_written_are_said() {
     assert!(map.contains("--map nowhere/x.svg: there is no folder nowhere"), "{map}");
     assert!(at.refused("bound disk.toml --force-map x.jpg").contains(".svg or .png"));
     assert!(at.refused("bound disk.toml --map x.svg -o .").contains("--output .: it is a folder"));
-    assert!(at.refused("experiment disk.toml --seed 1 -o disk.toml").contains("--output disk.toml: it is a file"));
+    at.write("taken", "");
+    assert!(at.refused("experiment disk.toml --seed 1 -o taken").contains("--output taken: it is a file"));
     let same = at.refused("bound disk.toml --force-map x.svg -o disk.toml");
     assert!(same.contains("--output disk.toml: the command reads this file"), "{same}");
     if cfg!(target_os = "linux") {

@@ -19,7 +19,7 @@ fn the_template_of_a_robot_is_checked_and_its_load_is_stated() {
     let text = std::fs::read_to_string(at.path("arm.toml")).unwrap();
     at.write("strong.toml", text.replace("when = \"touched\"", "when = { force_n = 20.0 }"));
     let urdf = std::fs::read_to_string(at.path("arm.urdf")).unwrap();
-    at.write("degrees.urdf", urdf.replacen("lower=\"", "lower=\"-9", 1));
+    at.write("degrees.urdf", urdf.replacen("lower=\"-", "lower=\"-9", 1));
     at.write("degrees.toml", text.replace("arm.urdf", "degrees.urdf"));
     let warned =
         |file: &str| String::from_utf8_lossy(&at.run(&format!("robot check {file}")).stderr).replace("\n  │ ", " ");

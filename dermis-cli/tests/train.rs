@@ -96,7 +96,8 @@ fn what_cannot_be_learned_from_is_refused_and_a_good_checkpoint_stays() {
     at.good("simulate few.toml --seed 1 --samples 100 -o few");
     assert!(refused("few.toml --data few -o m").contains("`dermis simulate --finish few`"));
     at.good("simulate --finish few");
-    assert!(refused("few.toml --data few -o m").contains("360"));
+    // A dataset smaller than a step is one step.
+    at.good("train few.toml --data few --epochs 1 -o small");
 
     at.good("train disk.toml --data data --epochs 1 -o model");
     let checkpoint = std::fs::read(at.path("model/checkpoint.safetensors")).unwrap();

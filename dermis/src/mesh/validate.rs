@@ -378,7 +378,7 @@ mod tests {
             mesh.nodes.push(mesh.nodes[4]);
             triangles(mesh)[2][2] = 5;
         });
-        assert!(torn.contains("torn: nodes 4 and 5"), "{torn}");
+        assert!(torn.contains("where nodes 4 and 5 lie at one place"), "{torn}");
         let fin = complaint(|mesh| {
             mesh.nodes.push([0.5, 0.5, 1.0]);
             triangles(mesh).push([0, 4, 5]);
@@ -404,7 +404,7 @@ mod tests {
             mesh.nodes.extend([[3.0, 0.0, 0.0], [4.0, 0.0, 0.0], [3.0, 1.0, 0.0]]);
             triangles(mesh).push([5, 6, 7]);
         });
-        assert!(apart.contains("holds cell 4"), "{apart}");
+        assert!(apart.contains("at [3.0, 0.0, 0.0] m, has no electrode (cell 4"), "{apart}");
     }
 
     #[test]
