@@ -236,8 +236,12 @@ impl Refiner {
     ) {
         let values = self.responses.whitened(difference);
         let count = self.responses.value_count() as f64;
+        let most = self.responses.value_count() / (VALUES_PER_UNKNOWN * UNKNOWNS);
+        if most == 0 {
+            return;
+        }
         // More contacts than the values determine are kept, unless drift explains the frame.
-        let are_determined = self.responses.value_count() >= VALUES_PER_UNKNOWN * UNKNOWNS * contacts.len().max(1);
+        let are_determined = contacts.len() <= most;
         let square = crate::linalg::dot(&values, &values);
         let misfit = self.options.misfit.powi(2) * square / count;
         let fit = Fit { responses: &self.responses, options: &self.options, values: &values, misfit, others: 0 };
