@@ -118,7 +118,7 @@ def scored(truth, found):
     if not found:
         return np.array([len(truth), len(truth), 0, 0, 0, 0, 0])
     distance = [[1e3 * np.hypot(z - one[0], RADIUS * turn(theta - one[1])) for one in found] for z, theta in truth]
-    distance = np.array(distance)
+    distance = np.array(distance).reshape(len(truth), len(found))
     pairs = [pair for pair in zip(*linear_sum_assignment(np.minimum(distance, 1e3))) if distance[pair] <= GATE_MM]
     others = set(range(len(found))) - {contact for _, contact in pairs}
     errors = [distance[pair] for pair in pairs]
