@@ -64,6 +64,8 @@ const MAX_ALPHA: f64 = 1e60;
 
 /// Changes of the other sign in at most this part of the frames are no hint: presses on a real membrane leave them in 4 %.
 const FEW_OTHERS: f64 = 0.1;
+/// More than this many times the noise of the untouched frames, in most frames, is worth a warning.
+const NOISY: f64 = 2.0;
 
 /// Which contacts are detected.
 #[derive(Debug, Clone, Args)]
@@ -96,10 +98,13 @@ impl DetectArguments {
     ) -> Outcome<Vec<T>> {
         // Images of other methods show touches alone.
         let is_asked = !self.both_signs && method.check_both_signs().is_ok();
-        let others = AtomicUsize::new(0);
+        let (others, noisy) = (AtomicUsize::new(0), AtomicUsize::new(0));
         let found = of_each(differences, |difference| {
+            if detector.noise_ratio(difference) > NOISY {
+                noisy.fetch_add(1, Ordering::Relaxed);
+            }
             let (image, contacts) = method.reconstruct().image_and_contacts(difference, detector)?;
-            if is_asked && detector.shows_other_sign(&image) {
+            if is_asked && detector.shows_other_sign(difference, &image) {
                 others.fetch_add(1, Ordering::Relaxed);
             }
             Ok(keep(image, contacts))
@@ -110,6 +115,14 @@ impl DetectArguments {
                 "in {others} of {} a change of the other sign is more than half as strong as any touch: contacts may be its \
                  side lobes. --both-signs looks for changes of both signs. If nothing but touches changes the skin, check that the \
                  differences are in ohm, not relative, with the signs of the design: `sheet.touch`, `protocol.amplitude_only`",
+                counted(differences.len(), "frame")
+            ));
+        }
+        let noisy = noisy.into_inner();
+        if 2 * noisy > differences.len() {
+            warn(&format!(
+                "in {noisy} of {} reciprocal channels differ by more than {NOISY} times the noise of the untouched frames: it has risen, \
+                 and deviations and thresholds are those of the frames. Record untouched frames under the same conditions",
                 counted(differences.len(), "frame")
             ));
         }

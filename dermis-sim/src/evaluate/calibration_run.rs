@@ -65,7 +65,7 @@ impl CalibrationRun {
             let mut run = CalibrationRun { touches: sample.touches.len(), ..CalibrationRun::default() };
             let target: Vec<f64> = sample.image.iter().map(|value| f64::from(*value)).collect();
             run.images.add(&image.values, &target);
-            let found = detectors[level].detect_under(&image);
+            let found = detectors[level].detect_under(&image, 1.0);
             let contacts: Vec<Contact> = found.iter().map(|(contact, _)| *contact).collect();
             let place = |touch: &SampleTouch| {
                 let force_n = touch.force_n().map_or(f64::NAN, f64::from);

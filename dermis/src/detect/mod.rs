@@ -19,7 +19,7 @@ pub use noise::ImageNoise;
 pub use spread::{Circumstances, Factor, Misplacement, PositionSpread, blur_share};
 
 use crate::contact::{ConductanceChange, Contact, DOUBT, GATE_M};
-use crate::estimate::spikes::SpikeFilter;
+use crate::estimate::reciprocal_pairs::ReciprocalPairs;
 use crate::geom::Surface;
 use crate::geom::vector::{Point3, dot, normalize, scale, sub};
 use crate::image::Image;
@@ -124,8 +124,24 @@ pub struct Detector {
     positive: Option<ConductanceChange>,
     /// Whether nothing is known of the noise, or frames do not fit: no contact is then more probable than not.
     is_doubtful: bool,
-    /// Takes spikes of single channels out of differences.
-    spikes: Option<Arc<SpikeFilter>>,
+    /// Tell spikes of single channels, and the noise of a frame.
+    reciprocal: Option<Arc<ReciprocalPairs>>,
+}
+
+/// The noise of one image.
+struct FrameNoise<'a> {
+    known: Option<&'a ImageNoise>,
+    /// The standard deviation of a pixel, where nothing else is known.
+    even_sd: f64,
+    /// The noise over the known one.
+    ratio: f64,
+}
+
+impl FrameNoise<'_> {
+    /// The standard deviation of a pixel.
+    fn sd(&self, pixel: usize) -> f64 {
+        self.ratio * self.known.map_or(self.even_sd, |noise| noise.sd()[pixel])
+    }
 }
 
 impl Detector {
@@ -140,17 +156,23 @@ impl Detector {
         Detector { noise: Some(noise), ..self }
     }
 
-    /// The same detector for frames whose reciprocal channels tell spikes of single channels, which are taken out.
-    pub fn with_spike_filter(self, filter: SpikeFilter) -> Self {
-        Detector { spikes: Some(Arc::new(filter)), ..self }
+    /// The same detector for frames whose reciprocal channels tell spikes of single channels, which are taken out, and noise that is
+    /// larger than that of the untouched frames, which then counts.
+    pub fn with_reciprocal_pairs(self, pairs: ReciprocalPairs) -> Self {
+        Detector { reciprocal: Some(Arc::new(pairs)), ..self }
     }
 
     /// A difference, ohm, without spikes of single channels, if the reciprocal channels of a frame tell them.
     pub(crate) fn without_spikes<'a>(&self, difference: &'a [f64]) -> Cow<'a, [f64]> {
-        match &self.spikes {
-            Some(filter) => filter.apply(difference),
+        match &self.reciprocal {
+            Some(pairs) => pairs.without_spikes(difference),
             None => Cow::Borrowed(difference),
         }
+    }
+
+    /// The noise of a difference, ohm, over the known one, as far as reciprocal channels tell it; else 1.
+    pub fn noise_ratio(&self, difference: &[f64]) -> f64 {
+        self.reciprocal.as_ref().map_or(1.0, |pairs| pairs.noise_ratio(difference))
     }
 
     /// The probability of a contact as far as there are grounds for it.
@@ -182,14 +204,15 @@ impl Detector {
     /// # Panics
     /// If the number of values differs from the number of pixels, or the noise belongs to other pixels.
     pub fn detect(&self, image: &Image) -> Vec<Contact> {
-        self.detect_under(image).into_iter().map(|(contact, _)| contact).collect()
+        self.detect_under(image, 1.0).into_iter().map(|(contact, _)| contact).collect()
     }
 
-    /// The contacts in an image, each with the circumstances that determine the standard deviation of its position.
+    /// The contacts in an image whose noise is the known one times a factor, each with the circumstances that determine the standard
+    /// deviation of its position.
     ///
     /// # Panics
     /// As [`detect`](Self::detect).
-    pub fn detect_under(&self, image: &Image) -> Vec<(Contact, Circumstances)> {
+    pub fn detect_under(&self, image: &Image, noise_ratio: f64) -> Vec<(Contact, Circumstances)> {
         assert_eq!(image.values.len(), image.space.len(), "a value per pixel");
         if let Some(noise) = &self.noise {
             assert_eq!(noise.pixel_count(), image.space.len(), "the noise of these pixels");
@@ -197,34 +220,34 @@ impl Detector {
         let size = |value: f64| if self.positive.is_some() { value.abs() } else { value };
         let finite = image.values.iter().copied().filter(|value| value.is_finite());
         let highest = finite.map(size).fold(0.0, f64::max);
-        let sd = self.sd(image);
-        let mut found = self.found(image, highest, self.positive, &sd);
+        let noise = self.noise(image, noise_ratio);
+        let mut found = self.found(image, highest, self.positive, &noise);
         if let Some(positive) = self.positive {
             let values = image.values.iter().map(|value| -value).collect();
             let negative = Image { space: Arc::clone(&image.space), values };
-            found.extend(self.found(&negative, highest, Some(positive.reversed()), &sd));
+            found.extend(self.found(&negative, highest, Some(positive.reversed()), &noise));
             found.sort_by(|a, b| b.height.total_cmp(&a.height));
         }
         self.remove_artefacts(&mut found);
         (0..found.len()).map(|index| self.rated(image, &found, index, highest)).collect()
     }
 
-    /// The standard deviation of each pixel's noise.
-    fn sd(&self, image: &Image) -> impl Fn(usize) -> f64 {
+    /// The noise of an image: the known one times a factor.
+    fn noise(&self, image: &Image, ratio: f64) -> FrameNoise<'_> {
         let even_sd = if self.noise.is_none() { noise::roughness(image) } else { 0.0 };
-        move |pixel| self.noise.as_ref().map_or(even_sd, |noise| noise.sd()[pixel])
+        FrameNoise { known: self.noise.as_ref(), even_sd, ratio }
     }
 
     /// Whether an image of a linear method shows a change of the sign that is not that of a touch, above the noise and too
-    /// strong for a side lobe of a touch: contacts found in it may be side lobes of that change.
+    /// strong for a side lobe of a touch: contacts found in it may be side lobes of that change. The image is that of a difference, ohm.
     ///
     /// # Panics
     /// As [`detect`](Self::detect).
-    pub fn shows_other_sign(&self, image: &Image) -> bool {
-        let sd = self.sd(image);
+    pub fn shows_other_sign(&self, difference: &[f64], image: &Image) -> bool {
+        let noise = self.noise(image, self.noise_ratio(difference));
         let highest = image.values.iter().copied().fold(0.0, f64::max);
         let is_other = |(pixel, value): (usize, &f64)| {
-            -value > (MAX_SIDE_LOBE * highest).max(self.options.noise_factor * sd(pixel))
+            -value > (MAX_SIDE_LOBE * highest).max(self.options.noise_factor * noise.sd(pixel))
         };
         image.values.iter().enumerate().any(is_other)
     }
@@ -243,34 +266,36 @@ impl Detector {
         image: &Image,
         highest: f64,
         conductance: Option<ConductanceChange>,
-        sd: &dyn Fn(usize) -> f64,
+        noise: &FrameNoise<'_>,
     ) -> Vec<Found> {
         let found = match self.options.spot_width_m {
-            Some(width_m) => self.spots(image, width_m, sd),
-            None => self.basins(image, highest, sd),
+            Some(width_m) => self.spots(image, width_m, noise),
+            None => self.basins(image, highest, noise),
         };
         found.into_iter().map(|found| Found { conductance, ..found }).collect()
     }
 
-    fn spots(&self, image: &Image, width_m: f64, sd: &dyn Fn(usize) -> f64) -> Vec<Found> {
+    fn spots(&self, image: &Image, width_m: f64, noise: &FrameNoise<'_>) -> Vec<Found> {
         let least = |pixel: usize, first: f64| {
-            (self.options.noise_factor * sd(pixel)).max(self.options.peak_fraction * first * first).sqrt()
+            (self.options.noise_factor * noise.sd(pixel)).max(self.options.peak_fraction * first * first).sqrt()
         };
         spots::spots(image, width_m, least)
             .iter()
-            .map(|spot| found_spot(image, spot, width_m, sd(spot.pixel)))
+            .map(|spot| found_spot(image, spot, width_m, noise.sd(spot.pixel)))
             .collect()
     }
 
-    fn basins(&self, image: &Image, highest: f64, sd: &dyn Fn(usize) -> f64) -> Vec<Found> {
-        let least = |pixel: usize| (self.options.noise_factor * sd(pixel)).max(self.options.peak_fraction * highest);
-        let basins = peaks::basins(image, self.options.saddle_fraction, |pixel| 2.0 * sd(pixel));
+    fn basins(&self, image: &Image, highest: f64, noise: &FrameNoise<'_>) -> Vec<Found> {
+        let least =
+            |pixel: usize| (self.options.noise_factor * noise.sd(pixel)).max(self.options.peak_fraction * highest);
+        let basins = peaks::basins(image, self.options.saddle_fraction, |pixel| 2.0 * noise.sd(pixel));
         let high = basins.iter().filter(|basin| basin.height > least(basin.peak));
-        high.map(|basin| self.found_basin(image, basin, sd(basin.peak))).collect()
+        high.map(|basin| self.found_basin(image, basin, noise)).collect()
     }
 
-    fn found_basin(&self, image: &Image, basin: &Basin, peak_sd: f64) -> Found {
+    fn found_basin(&self, image: &Image, basin: &Basin, noise: &FrameNoise<'_>) -> Found {
         let space = &image.space;
+        let peak_sd = noise.sd(basin.peak);
         // Far from the peak the noise exceeds the contact.
         let floor = (self.options.weight_fraction * basin.height).max(FLOOR_SD * peak_sd);
         let inside: Vec<usize> = basin.pixels.iter().copied().filter(|&p| image.values[p] > floor).collect();
@@ -278,8 +303,8 @@ impl Detector {
         let origin = space.centres_m[basin.peak];
         let mean = space.surface.weighted_mean(origin, inside.iter().map(|&p| (space.centres_m[p], weight(p))));
         let half_up = inside.iter().filter(|&&p| image.values[p] > 0.5 * basin.height);
-        let noise_variance_m2 = match &self.noise {
-            Some(noise) => noise.centroid_variance_m2(image, &inside, basin.peak, floor, mean),
+        let noise_variance_m2 = match noise.known {
+            Some(known) => noise.ratio.powi(2) * known.centroid_variance_m2(image, &inside, basin.peak, floor, mean),
             None => white_centroid_variance_m2(image, &inside, floor, peak_sd, mean),
         };
         Found {

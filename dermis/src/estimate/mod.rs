@@ -3,6 +3,6 @@
 pub mod drift;
 pub mod least_squares;
 pub mod noise;
+pub mod reciprocal_pairs;
 pub mod scale;
-pub mod spikes;
 pub mod whitening;

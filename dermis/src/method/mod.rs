@@ -22,7 +22,7 @@ pub use set::MethodSet;
 use crate::contact::Contact;
 use crate::detect::Detector;
 use crate::estimate::noise::{ChannelNoise, NoiseSource};
-use crate::estimate::spikes::SpikeFilter;
+use crate::estimate::reciprocal_pairs::ReciprocalPairs;
 use crate::frame::{Differences, Frame};
 use crate::image::Image;
 use crate::protocol::Protocol;
@@ -252,7 +252,7 @@ impl Method {
         self.with_noise(detector, &noise, &differences.rest(), protocol)
     }
 
-    /// A detector that knows the noise of the channels in its images and, if untouched frames scatter, spikes of single ones.
+    /// A detector that knows the noise of the channels in its images and, if untouched frames scatter, spikes and noise of frames.
     fn with_noise(
         &self,
         detector: Detector,
@@ -261,7 +261,7 @@ impl Method {
         protocol: &Protocol,
     ) -> Result<Detector, ReconstructError> {
         let detector = match noise.source() {
-            NoiseSource::Scatter => detector.with_spike_filter(SpikeFilter::new(protocol, noise.sd_ohm())),
+            NoiseSource::Scatter => detector.with_reciprocal_pairs(ReciprocalPairs::new(protocol, noise.sd_ohm())),
             NoiseSource::Reciprocity | NoiseSource::Frames | NoiseSource::Assumed => detector,
         };
         Ok(match image_noise_of(self.reconstruct.as_ref(), noise, untouched)? {

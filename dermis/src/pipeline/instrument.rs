@@ -1,6 +1,6 @@
 //! Checks of a frame before it is used: what an instrument that works cannot send.
 
-use crate::estimate::spikes::{MAX_UNLIKE, UNLIKE_NOISES, contradict};
+use crate::estimate::reciprocal_pairs::{MAX_UNLIKE, UNLIKE_NOISES, contradict};
 use crate::pipeline::condition::PartMonitor;
 use crate::pipeline::electrodes::{ElectrodeMonitor, ElectrodeTopology, OPEN};
 use crate::pipeline::frame::Measurement;

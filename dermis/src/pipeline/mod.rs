@@ -87,7 +87,7 @@ pub use validity::{InvalidReason, Validity};
 pub use crate::finding::Severity;
 
 use crate::detect::{Detector, ImageNoise};
-use crate::estimate::spikes::SpikeFilter;
+use crate::estimate::reciprocal_pairs::ReciprocalPairs;
 use crate::image::Image;
 use crate::method::{Method, MethodSet};
 use crate::pipeline::common_mode::CommonMode;
@@ -351,7 +351,7 @@ impl Pipeline {
         }
         if let Phase::Reading(reading) = &self.state.phase {
             let protocol = &self.methods.skin().design().protocol;
-            detector = detector.with_spike_filter(SpikeFilter::new(protocol, reading.electrodes.noise_ohm()));
+            detector = detector.with_reciprocal_pairs(ReciprocalPairs::new(protocol, reading.electrodes.noise_ohm()));
         }
         self.detector = match &self.noise {
             Some(noise) => detector.with_noise(noise.clone()),

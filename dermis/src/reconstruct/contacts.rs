@@ -61,7 +61,7 @@ impl dyn Reconstruct + '_ {
                 |contact| Detection { contact: completed(contact, image, search.detector), signal: f64::INFINITY };
             return Ok(contacts.into_iter().map(located).collect());
         }
-        let detected = search.detector.detect_under(image);
+        let detected = search.detector.detect_under(image, self.image_noise_ratio(difference, search.detector));
         let mut contacts: Vec<Contact> = detected.iter().map(|(contact, _)| *contact).collect();
         // What raises and what lowers the conductance is no touch alone.
         if !search.detector.has_both_signs() {
@@ -70,6 +70,13 @@ impl dyn Reconstruct + '_ {
         contacts.iter_mut().for_each(|contact| *contact = completed(*contact, image, search.detector));
         let unseen = search.unseen.filter(|_| search.alone || !detected.is_empty());
         Ok(with_signals(&image.space.surface, contacts, &detected, unseen))
+    }
+
+    /// The noise of an image over that of untouched ones, from the noise of its difference. Images of networks rise faster than
+    /// their noise, which they are trained to suppress: with twice, three and six times that of 50 dB, the root mean square of those of
+    /// the shipped ones is 7, 13 and 32 times as large.
+    pub(crate) fn image_noise_ratio(&self, difference: &[f64], detector: &Detector) -> f64 {
+        detector.noise_ratio(difference).powi(if self.matrix().is_some() { 1 } else { 2 })
     }
 
     /// The image of a difference and its contacts, as of `find_contacts`, in a frame without a touch detector.

@@ -139,8 +139,8 @@ pub enum RefineError {
 }
 
 /// Touches that leave more than this part of a frame's change, and more than noise and misfit, are not what changed it: contacts
-/// are then kept as they were detected, with [half](DOUBT) of their confidence. Drift that leaves less of it, where no touch is probable,
-/// is what changed it: there is then no contact.
+/// are then kept as they were detected, with [half](DOUBT) of their confidence. Drift, or noise that is larger than that of the untouched frames,
+/// that leaves less of it, where no touch is probable, is what changed it: there is then no contact.
 const MAX_LEFT: f64 = 0.5;
 /// Fewer values than this per unknown of the fit do not determine the contacts of a frame.
 const VALUES_PER_UNKNOWN: usize = 4;
@@ -214,7 +214,8 @@ impl Refiner {
     /// Contacts that are more probably one become one, one that is more probably two becomes two, one that is more probably
     /// none is removed, and touches that were not detected are added, at the end of the list, with ids that no detected contact
     /// has. Where touches explain less than half of the change, or none is probable, the contacts are kept as they were detected,
-    /// with half of their confidence; where none is probable and drift explains more than half of it, there is none.
+    /// with half of their confidence; where none is probable, and drift or noise that is larger than that of the untouched frames explains more than
+    /// half of it, there is none.
     ///
     /// # Panics
     /// If the difference has another length than the protocol.
@@ -234,7 +235,9 @@ impl Refiner {
         contacts: &mut Vec<Contact>,
         edge_m: &dyn Fn(Point3) -> f64,
     ) {
-        let values = self.responses.whitened(difference);
+        // In units of the frame's own noise, strengths too.
+        let noise_ratio = self.responses.noise_ratio(difference);
+        let values = self.responses.whitened(difference, noise_ratio);
         let count = self.responses.value_count() as f64;
         let most = self.responses.value_count() / (VALUES_PER_UNKNOWN * UNKNOWNS);
         if most == 0 {
@@ -251,7 +254,9 @@ impl Refiner {
         let fitted = fit.run(contacts.iter().enumerate().filter(|_| are_determined).map(start).collect());
         let residuals = fitted.state.sum_of_squares();
         let is_unexplained = residuals > (1.0 + misfit) * count && residuals > MAX_LEFT * square;
-        if fitted.state.touches.is_empty() && self.responses.left_by_drift(difference) < MAX_LEFT {
+        // More noise than in the untouched frames is as little a reason for a contact as drift is.
+        let is_noisy = noise_ratio > 1.0 && square * MAX_LEFT < self.responses.rank() as f64;
+        if fitted.state.touches.is_empty() && (is_noisy || self.responses.left_by_drift(difference) < MAX_LEFT) {
             contacts.clear();
             return;
         }
@@ -271,7 +276,8 @@ impl Refiner {
                 new_id += 1;
                 Contact { id: new_id - 1, ..Contact::truth([f64::NAN; 3], [f64::NAN; 3], f64::NAN) }
             });
-            self.refined(contact, &fitted, index, &fit, edge_m)
+            let contact = self.refined(contact, &fitted, index, &fit, edge_m);
+            Contact { strength: noise_ratio * contact.strength, ..contact }
         };
         *contacts = order.into_iter().map(refined).collect();
         // A touch of no strength may lie anywhere on the skin.

@@ -6,6 +6,7 @@ use super::places::{Place, Space};
 use super::{RefineError, RefineOptions};
 use crate::design::Body;
 use crate::estimate::drift::{DriftSpread, directions};
+use crate::estimate::reciprocal_pairs::ReciprocalPairs;
 use crate::estimate::whitening::Whitening;
 use crate::fem::Gradients;
 use crate::forward::ForwardModel;
@@ -70,6 +71,8 @@ pub(super) struct Responses {
     sd_ohm: Vec<f64>,
     whitening: Whitening,
     channel_count: usize,
+    /// Of the usable channels.
+    pairs: ReciprocalPairs,
     searched: Vec<Place>,
     /// By block of places and value, the unit vectors of the responses of round, even touches.
     search_table: Vec<f32>,
@@ -124,6 +127,7 @@ impl Responses {
             sd_ohm,
             whitening: Whitening::default(),
             channel_count: noise_ohm.len(),
+            pairs: ReciprocalPairs::new(model.protocol(), noise_ohm),
             searched: Vec::new(),
             search_table: Vec::new(),
         };
@@ -248,13 +252,19 @@ impl Responses {
         found
     }
 
-    /// The values of a difference in the table's basis: noise and drift have unit covariance.
+    /// The noise of a difference over that of the responses, as far as reciprocal channels tell it.
     ///
     /// # Panics
     /// If the difference has another length than the protocol.
-    pub(super) fn whitened(&self, difference: &[f64]) -> Vec<f64> {
+    pub(super) fn noise_ratio(&self, difference: &[f64]) -> f64 {
         assert_eq!(difference.len(), self.channel_count, "a value per channel");
+        self.pairs.noise_ratio(difference)
+    }
+
+    /// The values of a difference in the table's basis: noise of the given ratio and drift have unit covariance.
+    pub(super) fn whitened(&self, difference: &[f64], noise_ratio: f64) -> Vec<f64> {
         let mut values = self.over_noise(difference);
+        values.iter_mut().for_each(|value| *value /= noise_ratio);
         self.whitening.apply(&mut values);
         let mut projected = vec![0.0; self.count];
         self.basis.product_into(&values, &mut projected[..self.basis.rows]);

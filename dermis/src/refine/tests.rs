@@ -3,6 +3,7 @@ use crate::contact::REGION_95_SD;
 use crate::design::SkinDesign;
 use crate::frame::Frame;
 use crate::geom::Surface;
+use crate::linalg::add_scaled;
 use crate::mesh::Mesh;
 use crate::stats::quantile;
 use dermis_sim::random::{sample_rng, standard_normal};
@@ -252,6 +253,41 @@ fn a_touch_that_was_not_detected_is_added() {
         refiner.refine(&noisy(100 + frame, &[]), &mut contacts);
         assert!(contacts.is_empty(), "frame {frame}");
     }
+}
+
+/// Noise that is three times that of the untouched frames is no touch, though one was detected, and the deviation of a touch knows it.
+#[test]
+fn noise_that_has_risen_is_no_touch_and_is_in_the_deviations() {
+    let options = RefineOptions {
+        misfit: 0.01,
+        grain_m: 0.0,
+        coating_drift: 0.0,
+        contact_drift: 0.0,
+        ..RefineOptions::default()
+    };
+    let (design, refiner) = refiner(0.06, options);
+    let surface = design.body.surface();
+    let place = surface.at(0.16, 2.5).unwrap();
+    let touch = refiner.change(place, 5e-5);
+    let frames = 60;
+    let mut squares = 0.0;
+    for frame in 0..frames {
+        let mut rng = sample_rng(91, frame);
+        let mut change: Vec<f64> = (0..870).map(|_| 0.18 * standard_normal(&mut rng)).collect();
+        let mut none = vec![contact(surface.at(0.09, 1.0).unwrap())];
+        refiner.refine(&change, &mut none);
+        assert!(none.is_empty(), "frame {frame}");
+        add_scaled(&mut change, 1.0, &touch);
+        let mut one = vec![contact(moved(&surface, place, [2e-3, 1e-3]))];
+        refiner.refine(&change, &mut one);
+        assert_eq!(one.len(), 1, "frame {frame}");
+        squares += (surface.distance_m(one[0].position_m, place) / one[0].sd_m).powi(2) / 2.0;
+    }
+    // The mean of 60 squares over their expectation: within three of its deviations, 0.13 each; 9 if the noise were not known to have
+    // risen.
+    let mean = squares / frames as f64;
+    println!("mean square error over the stated one: {mean:.2}");
+    assert!((0.5..1.4).contains(&mean), "{mean:.2}");
 }
 
 /// The change of a frame by the coating, larger by a part of the conductance that is linear in the place, and by the contacts.

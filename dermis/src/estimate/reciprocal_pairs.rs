@@ -1,8 +1,8 @@
-//! Spikes of single channels, which the reciprocal channels of one frame tell.
+//! What the reciprocal channels of one frame tell: spikes of single channels, and its noise.
 
 use crate::frame::reciprocal;
 use crate::protocol::Protocol;
-use crate::stats::rms;
+use crate::stats::{rms, upper_median};
 use std::borrow::Cow;
 
 /// Two reciprocal channels contradict each other beyond this many standard deviations of their difference, ...
@@ -20,14 +20,37 @@ pub(crate) fn contradict([a, b]: [f64; 2], limit: f64, usual: f64) -> bool {
     (a - b).abs() > limit.max(UNLIKE_CHANGE * a.abs().max(b.abs()).max(usual))
 }
 
-/// Takes spikes of single channels out of differences.
+/// The median of the absolute value of a standard normal variable, ...
+const NORMAL_MEDIAN: f64 = 0.6745;
+/// ... and the standard deviation of that of `n` such values, relative to it and times the root of `n`.
+const MEDIAN_SD: f64 = 1.166;
+/// A median counts as that of the known noise up to this many of its standard deviations above it.
+const USUAL_SD: f64 = 3.0;
+
+/// The pairs of reciprocal channels, with the noise of their differences.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SpikeFilter {
-    /// Two channels, the sign of the second relative to the first, and the limit of their difference, ohm.
-    pairs: Vec<(usize, usize, f64, f64)>,
+pub struct ReciprocalPairs {
+    pairs: Vec<Pair>,
 }
 
-impl SpikeFilter {
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Pair {
+    channels: [usize; 2],
+    /// The sign of the second channel relative to the first.
+    sign: f64,
+    /// Standard deviation of the difference of their noise, ohm.
+    sd_ohm: f64,
+}
+
+impl Pair {
+    /// The changes of both, with the sign of the first, if both are known.
+    fn changes(&self, difference: &[f64]) -> Option<[f64; 2]> {
+        let [own, other] = self.channels.map(|channel| difference[channel]);
+        (own != 0.0 && other != 0.0).then_some([own, self.sign * other])
+    }
+}
+
+impl ReciprocalPairs {
     /// For channels whose noise has these standard deviations, ohm; a channel without a finite and positive one is left
     /// out.
     ///
@@ -35,12 +58,16 @@ impl SpikeFilter {
     /// If there are fewer deviations than channels.
     pub fn new(protocol: &Protocol, sd_ohm: &[f64]) -> Self {
         let is_usable = |channel: usize| sd_ohm[channel].is_finite() && sd_ohm[channel] > 0.0;
-        let limit = |own: usize, other: usize| UNLIKE_NOISES * sd_ohm[own].hypot(sd_ohm[other]);
+        let pair = |own: usize, other: usize, sign| Pair {
+            channels: [own, other],
+            sign,
+            sd_ohm: sd_ohm[own].hypot(sd_ohm[other]),
+        };
         let of = |(own, reciprocal): (usize, Vec<(usize, f64)>)| {
             let later = move |(other, _): &(usize, f64)| *other > own && is_usable(own) && is_usable(*other);
-            reciprocal.into_iter().filter(later).map(move |(other, sign)| (own, other, sign, limit(own, other)))
+            reciprocal.into_iter().filter(later).map(move |(other, sign)| pair(own, other, sign))
         };
-        SpikeFilter { pairs: reciprocal(protocol).into_iter().enumerate().flat_map(of).collect() }
+        ReciprocalPairs { pairs: reciprocal(protocol).into_iter().enumerate().flat_map(of).collect() }
     }
 
     /// A difference (ohm) without spikes. Of two reciprocal channels that contradict each other by more than noise, and by more
@@ -51,25 +78,35 @@ impl SpikeFilter {
     ///
     /// # Panics
     /// If the difference has fewer values than there are channels.
-    pub fn apply<'a>(&self, difference: &'a [f64]) -> Cow<'a, [f64]> {
-        let known =
-            || self.pairs.iter().filter(|(own, other, ..)| difference[*own] != 0.0 && difference[*other] != 0.0);
+    pub fn without_spikes<'a>(&self, difference: &'a [f64]) -> Cow<'a, [f64]> {
         let usual = rms(difference.iter().copied());
-        let are_unlike = |&&(own, other, sign, limit): &&(usize, usize, f64, f64)| {
-            contradict([difference[own], sign * difference[other]], limit, usual)
-        };
+        let known = || self.pairs.iter().filter_map(|pair| Some((pair, pair.changes(difference)?)));
+        let are_unlike = |(pair, changes): &(&Pair, [f64; 2])| contradict(*changes, UNLIKE_NOISES * pair.sd_ohm, usual);
         let unlike: Vec<_> = known().filter(are_unlike).collect();
         if unlike.is_empty() || unlike.len() as f64 > MAX_UNLIKE * known().count() as f64 {
             return Cow::Borrowed(difference);
         }
         let mut repaired = difference.to_vec();
-        for &(own, other, sign, _) in unlike {
-            match repaired[own].abs() > repaired[other].abs() {
-                true => repaired[own] = sign * repaired[other],
-                false => repaired[other] = sign * repaired[own],
+        for (Pair { channels: [own, other], sign, .. }, [first, second]) in unlike {
+            match first.abs() > second.abs() {
+                true => repaired[*own] = second,
+                false => repaired[*other] = sign * first,
             }
         }
         Cow::Owned(repaired)
+    }
+
+    /// The noise of a difference (ohm) over that of the channels, by the median disagreement of reciprocal channels: 1 unless it is
+    /// larger than chance makes it. A touch or drift changes both alike.
+    ///
+    /// # Panics
+    /// If the difference has fewer values than there are channels.
+    pub fn noise_ratio(&self, difference: &[f64]) -> f64 {
+        let known = self.pairs.iter().filter_map(|pair| Some((pair, pair.changes(difference)?)));
+        let disagreements: Vec<f64> = known.map(|(pair, [own, other])| (own - other).abs() / pair.sd_ohm).collect();
+        let ratio = upper_median(&disagreements).map_or(1.0, |median| median / NORMAL_MEDIAN);
+        let usual = 1.0 + USUAL_SD * MEDIAN_SD / (disagreements.len() as f64).sqrt();
+        if ratio > usual { ratio } else { 1.0 }
     }
 }
 
@@ -82,14 +119,14 @@ mod tests {
     use dermis_sim::random::{sample_rng, standard_normal};
 
     #[test]
-    fn spikes_are_taken_out_and_touches_are_not() {
+    fn spikes_and_noise_are_told_from_touches() {
         let design = SkinDesign::shipped("cylinder30").unwrap();
         let model = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
         let (protocol, rest) = (&design.protocol, model.rest_conductivity());
         let untouched = model.solve(rest).unwrap();
         let count = protocol.channel_count();
-        let filter = SpikeFilter::new(protocol, &vec![1.0; count]);
-        assert_eq!(filter.pairs.len(), count / 2);
+        let pairs = ReciprocalPairs::new(protocol, &vec![1.0; count]);
+        assert_eq!(pairs.pairs.len(), count / 2);
         let mut rng = sample_rng(3, 0);
         for cell in (0..rest.len()).step_by(rest.len() / 12) {
             let mut touched = rest.to_vec();
@@ -102,12 +139,17 @@ mod tests {
             let noise: Vec<f64> = (0..count).map(|_| standard_normal(&mut rng)).collect();
             let mut spiked = noise.clone();
             (0..29).for_each(|spike| spiked[30 * spike] += 20.0);
-            let repaired = filter.apply(&spiked);
+            let repaired = pairs.without_spikes(&spiked);
             assert!(sum(&repaired) < 1.1 * sum(&noise), "{} of {}", sum(&repaired), sum(&noise));
-            let touched: Vec<f64> = (0..count).map(|channel| touch(channel) + noise[channel]).collect();
-            assert!(matches!(filter.apply(&touched), Cow::Borrowed(_)));
+            let with_noise = |ratio: f64| -> Vec<f64> {
+                (0..count).map(|channel| touch(channel) + ratio * noise[channel]).collect()
+            };
+            let touched = with_noise(1.0);
+            assert_eq!(pairs.noise_ratio(&touched), 1.0);
+            assert!((pairs.noise_ratio(&with_noise(3.0)) - 3.0).abs() < 0.5);
+            assert!(matches!(pairs.without_spikes(&touched), Cow::Borrowed(_)));
             spiked.iter_mut().step_by(3).for_each(|value| *value += 20.0);
-            assert!(matches!(filter.apply(&spiked), Cow::Borrowed(_)));
+            assert!(matches!(pairs.without_spikes(&spiked), Cow::Borrowed(_)));
         }
     }
 }
