@@ -111,6 +111,9 @@ pub fn commands() -> Vec<DescribedCommand> {
 /// Runs the program with its arguments, the first of which is its name; returns the exit code. Help and wrong arguments
 /// end the process.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    // A file that reaches a limit of the system is an error of that file, and not the end of the program.
+    #[cfg(unix)]
+    let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, std::sync::Arc::default());
     let arguments = parsed(arguments).unwrap_or_else(|error| error.exit());
     finish(arguments).map_or_else(failure::Failure::report, |()| 0)
 }

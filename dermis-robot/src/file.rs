@@ -348,7 +348,9 @@ impl Reader<'_> {
         }
         let file: RobotFile = toml::from_str(self.text).map_err(|error| {
             let (message, fix) = explain_toml_error(error.message());
-            self.error(error.span().unwrap_or_default(), message, fix.as_deref())
+            // A key that the file lacks has no place: its begin.
+            let at = error.span().filter(|span| !span.is_empty()).unwrap_or(0..self.text.len().min(1));
+            self.error(at, message, fix.as_deref())
         })?;
         let description = file.description.as_ref().map(|path| self.folder.join(path.get_ref()));
         let kinematics = description.as_deref().map(Kinematics::load).transpose()?;

@@ -8,8 +8,8 @@ use std::time::Duration;
 /// A message arrives with a delay after the event that it reports. The smallest delay is taken as zero (Cristian 1989,
 /// DOI 10.1007/BF01784024, in one direction). The two clocks may drift apart by 1e-4. When all messages have been late
 /// by more than one second for longer than one second, one of the clocks was set. (A connection that merely stalled
-/// delivers its delayed messages together.) Device time that does not increase from message to message, or that runs far
-/// ahead of the host's, is that of a faulty clock: the time of arrival replaces it.
+/// delivers its delayed messages together.) When that happens again soon, the device's clock is too slow. Device time that does not increase from message to message, or that runs far
+/// ahead of the host's, is that of a faulty clock, as that of a slow one is: the time of arrival replaces it.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct DeviceClock {
     /// Only the first message is set to the host's clock: the device may be slower than real time.
@@ -18,6 +18,10 @@ pub(crate) struct DeviceClock {
     least: Option<(i128, u64)>,
     /// Time since which messages are late by more than one second.
     late_since: Option<Timestamp>,
+    /// When messages had been late for so long that a clock must have been set.
+    set_at: Option<Timestamp>,
+    /// Whether its seconds are longer than those of the host.
+    is_slow: bool,
     /// The last returned time; later times are never earlier.
     last: Timestamp,
     /// Device time, us, and time of arrival of the last message.
@@ -34,12 +38,14 @@ const DRIFT: f64 = 1e-4;
 const LATE_NS: i128 = 1_000_000_000;
 /// After messages have been late for this long, a clock must have been set, s.
 const SET_S: f64 = 1.0;
+/// A clock that must have been set twice in this time is slow, by a hundredth or more, s.
+const SET_AGAIN_S: f64 = 100.0;
 
 impl DeviceClock {
     /// The host time of an event that the device reports at `time_us` and that was received at `received_at`; never
     /// earlier than the last returned time.
     pub(super) fn moment(&mut self, time_us: u64, received_at: Timestamp) -> Timestamp {
-        if self.jumps(time_us, received_at) {
+        if self.jumps(time_us, received_at) || self.is_slow && !self.is_free {
             self.faults += 1;
             self.least = None;
             self.late_since = None;
@@ -95,6 +101,8 @@ impl DeviceClock {
         let was_set = received_at.seconds_since(since) > SET_S;
         if was_set {
             self.late_since = None;
+            let before = self.set_at.replace(received_at);
+            self.is_slow = before.is_some_and(|before| received_at.seconds_since(before) < SET_AGAIN_S);
         }
         was_set
     }
@@ -149,6 +157,18 @@ mod tests {
             late_s(|device_s| if (4.0..7.0).contains(&device_s) { 7.0 + 1e-4 * device_s } else { device_s });
         assert!((stood_still[400] - 3.0).abs() < 0.01 && (stood_still[600] - 1.0).abs() < 0.01);
         assert!(stood_still[701].abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_slow_clock_is_replaced_by_the_time_of_arrival() {
+        for slower in [1.25, 2.0, 1000.0] {
+            let late_s = late_s(|device_s| slower * device_s);
+            let from = late_s.iter().rposition(|late_s| *late_s > 1e-3).unwrap() + 1;
+            assert!(from as f64 * 0.01 * slower < 12.0, "{slower}: late until {} s", from as f64 * 0.01 * slower);
+            assert!(late_s.iter().all(|late_s| *late_s < 2.1 + 0.01 * slower));
+        }
+        // Oscillators differ by less.
+        assert!(late_s(|device_s| 1.001 * device_s).iter().all(|late_s| *late_s < 0.02));
     }
 
     #[test]

@@ -68,6 +68,7 @@ pub struct Device {
     notice: Option<Notice>,
     /// Faults of the clock that were reported, and when.
     reported_clock: (u64, Option<Instant>),
+    refusals: Refusals,
     heard_at: Instant,
     /// When the last frame was received, or frames were last requested; `None` before the first request.
     asked_at: Option<Instant>,
@@ -118,6 +119,25 @@ const START_AGAIN: Duration = Duration::from_secs(1);
 
 /// Interval between two reports of a faulty clock.
 const CLOCK_REPORT: Duration = Duration::from_secs(10);
+
+/// What has arrived when a frame was used last, or when it was reported that none is.
+#[derive(Debug)]
+struct Refusals {
+    counts: Counts,
+    tests: u64,
+    at: Instant,
+    /// Time until the next report.
+    interval: Duration,
+}
+
+impl Default for Refusals {
+    fn default() -> Self {
+        Refusals { counts: Counts::default(), tests: 0, at: Instant::now(), interval: NONE_USED }
+    }
+}
+
+/// Time with messages and without a frame that can be used after which people are told.
+const NONE_USED: Duration = Duration::from_secs(2);
 
 /// Size of the read buffer.
 const READ_BYTES: usize = 1 << 16;
@@ -333,6 +353,7 @@ impl Device {
             stream,
             notice: connected.notice,
             reported_clock: (0, None),
+            refusals: Refusals::default(),
             heard_at: Instant::now(),
             asked_at: None,
         })
@@ -364,8 +385,31 @@ impl Device {
         let is_due = faults > *reported && at.is_none_or(|at| at.elapsed() > CLOCK_REPORT);
         is_due.then(|| {
             (*reported, *at) = (faults, Some(Instant::now()));
-            "the clock of the device stands still or was set: frames have the time of their arrival".into()
+            "the clock of the device stands still, was set or is too slow: frames have the time of their arrival".into()
         })
+    }
+
+    /// The report of messages while none of them is a frame that can be used.
+    fn refusal_report(&mut self) -> Option<String> {
+        let (counts, tests) = (self.stream.counts(), self.stream.tests);
+        let Refusals { counts: before, tests: tests_before, at, interval } = &mut self.refusals;
+        if counts.frames > before.frames {
+            self.refusals = Refusals { counts, tests, ..Refusals::default() };
+            return None;
+        }
+        let parts = [
+            (counts.damaged - before.damaged, "damaged or of another length than this skin's"),
+            (counts.repeated - before.repeated, "with the number of one before"),
+            (counts.reordered - before.reordered, "older than one before"),
+            (tests - *tests_before, "marked as self-tests"),
+        ];
+        if at.elapsed() < *interval || parts.iter().all(|(count, _)| *count == 0) {
+            return None;
+        }
+        (*at, *interval) = (Instant::now(), CLOCK_REPORT);
+        let parts = parts.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
+        let parts = parts.collect::<Vec<_>>().join(", ");
+        Some(format!("messages arrive, but no frame that can be used: {parts}. Check the firmware and the line"))
     }
 
     /// Reads for a short time and passes the received messages on.
@@ -390,7 +434,7 @@ impl Device {
         };
         self.heard_at = Instant::now();
         let received_at = crate::clock::now();
-        if let Some(text) = self.clock_report() {
+        for text in [self.clock_report(), self.refusal_report()].into_iter().flatten() {
             publish(DeviceEvent::Notice(Notice { level: Severity::Warning, text, at: received_at }));
         }
         let Device { decoder, buffer, stream, asked_at, .. } = self;

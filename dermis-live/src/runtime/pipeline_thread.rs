@@ -28,6 +28,8 @@ pub(super) struct PipelineThread {
     rebuilds: bool,
     /// Whether late frames are of no use.
     is_live: bool,
+    /// Whether frames wait for a method that is prepared again: their contacts do not depend on the speed of the computer.
+    waits: bool,
     rebuilding: Option<JoinHandle<Result<RebuiltMethod, PipelineError>>>,
     fitting: Option<JoinHandle<Result<DriftFit, PipelineError>>>,
     /// The masked channels of the last attempt to prepare the method again, and whether it was adapted to a tare: it is not
@@ -46,6 +48,7 @@ impl PipelineThread {
             pipeline,
             rebuilds: input != Input::Recording,
             is_live: input == Input::Device,
+            waits: input == Input::Stream,
             rebuilding: None,
             fitting: None,
             tried_without: None,
@@ -192,7 +195,7 @@ impl PipelineThread {
 
     /// Prepares the method again on a separate thread where needed, and installs the result.
     fn rebuild(&mut self) {
-        if let Some(thread) = self.rebuilding.take_if(|thread| thread.is_finished()) {
+        if let Some(thread) = self.rebuilding.take_if(|thread| self.waits || thread.is_finished()) {
             // A thread that panicked has printed its message already.
             match thread.join().map(|made| made.map(|rebuilt| self.pipeline.install_method(rebuilt))) {
                 Ok(Ok(true)) => self.shared.publish(&Event::Done(Command::Rebuild)),
@@ -211,6 +214,9 @@ impl PipelineThread {
         self.tried_without = Some(tried);
         let thread = std::thread::Builder::new().name("dermis-rebuild".into());
         self.rebuilding = thread.spawn(move || rebuilding.run()).ok();
+        if self.waits && self.rebuilding.is_some() {
+            self.rebuild();
+        }
     }
 
     /// Computes a drift fit on a separate thread, if the pipeline requests one.

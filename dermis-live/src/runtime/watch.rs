@@ -5,7 +5,9 @@ use crate::recording::Playback;
 use crate::runtime::notice_limit::NoticeLimit;
 use crate::runtime::{Event, Input, LiveFrame, LiveHandle, POLL, lock};
 use dermis::pipeline::{Severity, Validity};
+use dermis::stats::upper_median;
 use dermis::text::counted;
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -18,8 +20,8 @@ const INTERVALS: f64 = 3.0;
 const FIRST: Duration = Duration::from_secs(2);
 /// Interval at which a stale frame is reported again.
 const AGAIN: Duration = Duration::from_millis(200);
-/// Weight of an interval between two frames in their mean.
-const SMOOTH: f64 = 0.1;
+/// Last intervals between frames of which the median counts: an interruption is one of them.
+const LAST: usize = 5;
 /// Interruptions of the frames that are reported in an interval; of the others only their number. On a busy machine frames can
 /// stop several times a second.
 const GAPS: u32 = 2;
@@ -38,8 +40,8 @@ pub(super) struct Watch {
 struct Frames {
     last: Option<Arc<LiveFrame>>,
     arrived: Instant,
-    /// Mean interval between frames, s.
-    interval_s: f64,
+    /// The last intervals between frames, s.
+    intervals_s: VecDeque<f64>,
     /// When the last frame was reported as stale.
     reported: Option<Instant>,
     /// Whether the absence of the first one was reported.
@@ -54,7 +56,7 @@ impl Watch {
         let frames = Frames {
             last: None,
             arrived: Instant::now(),
-            interval_s: 0.0,
+            intervals_s: VecDeque::new(),
             reported: None,
             is_missing_told: false,
             gaps: NoticeLimit::new(GAPS, GAP_INTERVAL),
@@ -85,8 +87,10 @@ impl Watch {
         // One that comes too late ends nothing, and is no measure of the others.
         let is_late = matches!(frame.result.validity, Validity::Stale { .. });
         let was_stale = !is_late && frames.reported.take().is_some();
-        if frames.last.is_some() && !was_stale && !is_late {
-            frames.interval_s += SMOOTH * (interval_s - frames.interval_s);
+        if frames.last.is_some() && !is_late {
+            frames.intervals_s.push_back(interval_s);
+            let more = frames.intervals_s.len().saturating_sub(LAST);
+            frames.intervals_s.drain(..more);
         }
         (frames.last, frames.arrived) = (Some(Arc::clone(&frame)), Instant::now());
         if was_stale && frames.tells_end {
@@ -160,7 +164,8 @@ impl Frames {
     /// The stale frame to report now, and whether it is the first report.
     fn stale(&mut self) -> Option<(LiveFrame, bool)> {
         let age = self.arrived.elapsed();
-        let limit = STALE.max(Duration::from_secs_f64(INTERVALS * self.interval_s));
+        let usual_s = upper_median(self.intervals_s.make_contiguous()).unwrap_or(0.0);
+        let limit = STALE.max(Duration::from_secs_f64(INTERVALS * usual_s));
         let is_due = self.reported.is_none_or(|at| at.elapsed() >= AGAIN);
         let last = self.last.as_ref().filter(|_| age > limit && is_due)?;
         let is_first = self.reported.replace(Instant::now()).is_none();

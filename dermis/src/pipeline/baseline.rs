@@ -3,7 +3,8 @@
 //! Without a touch, the baseline follows the frame itself. During a touch it follows only the drift of the coating's
 //! conductance (as a whole and along each axis) and of each electrode's contact. Their amounts in a frame are fitted
 //! together with the touch (least squares with a prior variance for each), and only their change since the start of the
-//! touch counts, so that a long press does not fade.
+//! touch counts, so that a long press does not fade. What the model of the skin does not know of a touch may be taken for drift: a frame
+//! that the baseline of before the touch explains is untouched, and that one is used again.
 
 use crate::forward::Matrix;
 use crate::geom::{Point3, Surface};
@@ -31,6 +32,9 @@ const MOVED_M: f64 = 0.005;
 pub(super) struct Baseline {
     values_ohm: Vec<f64>,
     hold: Option<Hold>,
+    /// The last one without a touch, during one, ohm.
+    #[serde(default)]
+    before_ohm: Option<Vec<f64>>,
 }
 
 /// A stationary touch, and the drift since its start.
@@ -80,12 +84,13 @@ pub(super) struct TouchedFrame<'a> {
 impl Baseline {
     /// From the mean of untouched frames, ohm.
     pub(super) fn new(values_ohm: Vec<f64>) -> Self {
-        Baseline { values_ohm, hold: None }
+        Baseline { values_ohm, hold: None, before_ohm: None }
     }
 
     /// Whether it has these numbers of channels and drift modes.
     pub(super) fn fits(&self, channel_count: usize, drift_count: usize) -> bool {
         self.values_ohm.len() == channel_count
+            && self.before_ohm.as_ref().is_none_or(|before_ohm| before_ohm.len() == channel_count)
             && self.hold.as_ref().is_none_or(|hold| hold.fits(channel_count, drift_count))
     }
 
@@ -99,9 +104,20 @@ impl Baseline {
         &mut self.values_ohm
     }
 
+    /// That of before the touch, ohm, during one.
+    pub(super) fn before_ohm(&self) -> Option<&[f64]> {
+        self.before_ohm.as_deref()
+    }
+
+    /// Uses that of before the touch again.
+    pub(super) fn restore(&mut self) {
+        self.hold = None;
+        self.values_ohm = self.before_ohm.take().unwrap_or_else(|| std::mem::take(&mut self.values_ohm));
+    }
+
     /// Follows an untouched frame, except in masked channels.
     pub(super) fn follow(&mut self, frame_ohm: &[f64], masked: &[bool], step_s: f64) {
-        self.hold = None;
+        (self.hold, self.before_ohm) = (None, None);
         let share = -(-step_s / FOLLOW_S).exp_m1();
         for ((value, now), _) in self.values_ohm.iter_mut().zip(frame_ohm).zip(masked).filter(|(_, masked)| !**masked) {
             *value += share * (now - *value);
@@ -116,6 +132,9 @@ impl Baseline {
         noise: ChannelNoise<'_>,
         frame: TouchedFrame<'_>,
     ) -> Result<(), PipelineError> {
+        if self.before_ohm.is_none() {
+            self.before_ohm = Some(self.values_ohm.clone());
+        }
         let drift_count = fitter.modes().rows;
         let stays = |hold: &&mut Hold| hold.stays(surface, frame.positions_m) && hold.uses(noise.masked);
         let Some(hold) = self.hold.as_mut().filter(stays) else {

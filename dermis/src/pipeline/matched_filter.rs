@@ -3,6 +3,7 @@
 use crate::estimate::whitening::Whitening;
 use crate::forward::Matrix;
 use crate::linalg::DistinctColumns;
+use crate::pipeline::touch_detector::statistic;
 use crate::skin::Skin;
 use crate::stats::{rms, upper_median};
 use pulp::{Simd, WithSimd};
@@ -72,7 +73,8 @@ impl MatchedFilter {
 
     /// Measures the deviation of each product: noise of channels that is not independent is in few directions.
     fn measure(&mut self, untouched: &[Vec<f64>]) {
-        let products: Vec<Vec<f32>> = untouched.iter().map(|difference| self.products(difference)).collect();
+        let products: Vec<Vec<f32>> =
+            untouched.iter().map(|difference| self.products(&self.whitened(difference))).collect();
         // By the median: some of them may be touched.
         let deviation = |place: usize| {
             let sizes: Vec<f64> = products.iter().map(|products| f64::from(products[place].abs())).collect();
@@ -89,11 +91,25 @@ impl MatchedFilter {
         self.threshold = QUANTILE * (1.0 + ERRORS * MEDIAN_ERROR / freedom.sqrt());
     }
 
-    /// The product with each place.
-    fn products(&self, difference: &[f64]) -> Vec<f32> {
+    /// A difference over its noise, without drift.
+    pub(super) fn whitened(&self, difference: &[f64]) -> Vec<f64> {
         let mut values = times(difference, &self.over_noise);
-        // Both factors of a product are whitened: that of the touches here.
         self.whitening.apply(&mut values);
+        values
+    }
+
+    /// The statistic of the [touch detector](super::touch_detector::TouchDetector) for a whitened difference. The noise may have
+    /// changed since the tare.
+    pub(super) fn statistic(&self, whitened: &[f64], noise_ohm: &[f64], masked: &[bool]) -> f64 {
+        let without_drift =
+            whitened.iter().zip(&self.over_noise).map(|(value, over)| if *over > 0.0 { value / over } else { 0.0 });
+        statistic(&without_drift.collect::<Vec<f64>>(), noise_ohm, masked)
+    }
+
+    /// The product of a whitened difference with each place.
+    fn products(&self, whitened: &[f64]) -> Vec<f32> {
+        let mut values = whitened.to_vec();
+        // Both factors of a product are whitened: that of the touches here.
         self.whitening.apply_transposed(&mut values);
         let values = self.distinct.sums(&times(&values, &self.over_noise));
         let mut values: Vec<f32> = values.into_iter().map(|value| value as f32).collect();
@@ -103,9 +119,9 @@ impl MatchedFilter {
         products
     }
 
-    /// The largest output for a touch, and that for the end of one.
-    pub(super) fn outputs(&self, difference: &[f64]) -> [f64; 2] {
-        let products = self.products(difference);
+    /// The largest output of a whitened difference for a touch, and that for the end of one.
+    pub(super) fn outputs(&self, whitened: &[f64]) -> [f64; 2] {
+        let products = self.products(whitened);
         [1.0, -1.0]
             .map(|sign: f32| f64::from(products.iter().map(|product| sign * product).fold(f32::NEG_INFINITY, f32::max)))
     }

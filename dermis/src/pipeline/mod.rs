@@ -117,7 +117,7 @@ pub struct Pipeline {
     cost: Option<Cost>,
     reports: Reports,
     /// The test for weak touches; `None` during a tare.
-    filter: Option<MatchedFilter>,
+    filter: Option<Arc<MatchedFilter>>,
     /// Why the last frames of the tare make no baseline.
     refusal: Option<tare::Refusal>,
     detector: Detector,
@@ -189,7 +189,10 @@ impl Pipeline {
             state,
             methods,
         };
-        pipeline.prepare_filter()?;
+        if let Phase::Reading(reading) = &pipeline.state.phase {
+            let (baseline_ohm, noise_ohm) = (reading.baseline.values_ohm(), reading.electrodes.noise_ohm());
+            pipeline.filter = Some(pipeline.filter_of(baseline_ohm, noise_ohm, &reading.untouched)?);
+        }
         let masked = pipeline.state.method_masked.clone();
         let rest_ohm = pipeline.adaptation_ohm().filter(|_| pipeline.state.method_adapted).map(<[f64]>::to_vec);
         match masked.is_empty() && rest_ohm.is_none() {
@@ -359,13 +362,15 @@ impl Pipeline {
         };
     }
 
-    /// Prepares the test for weak touches, from the frames of the tare.
-    fn prepare_filter(&mut self) -> Result<(), PipelineError> {
-        let Phase::Reading(reading) = &self.state.phase else { return Ok(()) };
-        let noise_ohm = reading.electrodes.noise_ohm();
-        let modes = modes_of(self.fitter.modes(), reading.baseline.values_ohm());
-        self.filter = Some(MatchedFilter::new(self.methods.skin(), &modes, noise_ohm, &reading.untouched)?);
-        Ok(())
+    /// The test for weak touches, from a baseline, its noise and the untouched differences of the tare.
+    fn filter_of(
+        &self,
+        baseline_ohm: &[f64],
+        noise_ohm: &[f64],
+        untouched: &[Vec<f64>],
+    ) -> Result<Arc<MatchedFilter>, PipelineError> {
+        let modes = modes_of(self.fitter.modes(), baseline_ohm);
+        Ok(Arc::new(MatchedFilter::new(self.methods.skin(), &modes, noise_ohm, untouched)?))
     }
 
     /// Measures the noise of the method's images, from the frames of the tare.

@@ -164,10 +164,12 @@ impl Pipeline {
         let instrument = InstrumentMonitor::new(&self.topology, frames, &statistics, noise.sd_ohm());
         self.masked = vec![false; self.topology.channel_count()];
         self.topology.mark_channels_of(electrodes.confirmed(), &mut self.masked);
+        let untouched: Vec<Vec<f64>> = values.iter().map(|values| difference(values, &statistics.mean)).collect();
+        let filter = self.filter_of(&statistics.mean, electrodes.noise_ohm(), &untouched)?;
         self.state.phase = Phase::Reading(Box::new(Reading {
-            untouched: values.iter().map(|values| difference(values, &statistics.mean)).collect(),
+            touch_detector: TouchDetector::of(&values, &self.masked, protocol, &filter),
+            untouched,
             rest_ohm: statistics.mean.clone(),
-            touch_detector: TouchDetector::of(&values, &self.masked, protocol),
             baseline: Baseline::new(statistics.mean),
             electrodes,
             instrument,
@@ -181,7 +183,7 @@ impl Pipeline {
         }));
         self.notice(Severity::Info, format!("tared with {} frames; {noise}", frames.len()), at);
         self.warn_after_tare(at);
-        self.prepare_filter()?;
+        self.filter = Some(filter);
         if self.state.method_adapted {
             // To the tare before.
             self.method = self.state.settings.method_of(&self.methods, &self.state.settings.method)?.clone();

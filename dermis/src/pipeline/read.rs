@@ -13,6 +13,7 @@ use crate::pipeline::electrodes::{Change, ContactFrame, ElectrodeTopology, Noise
 use crate::pipeline::error::PipelineError;
 use crate::pipeline::frame::Measurement;
 use crate::pipeline::instrument::{Findings, InstrumentMonitor, Unjudged, is_most};
+use crate::pipeline::matched_filter::MatchedFilter;
 use crate::pipeline::process::FrameTime;
 use crate::pipeline::state::{Marks, Reading};
 use crate::pipeline::statistics::difference;
@@ -59,6 +60,8 @@ struct Signal<'a> {
     /// The statistic of the touch detector, and whether it exceeds the threshold.
     statistic: f64,
     is_touched: bool,
+    /// Of the test for weak touches: for a touch, and for the end of one.
+    outputs: [f64; 2],
 }
 
 impl Signal<'_> {
@@ -84,7 +87,8 @@ impl Pipeline {
         let changes = reading.update_parts(&self.topology, measurement, &findings, time);
         let marks = reading.marks(&self.topology);
         reading.update_trials(&self.topology, measurement, &marks);
-        let signal = reading.signal(measurement, findings, marks.masked);
+        let filter = self.filter.clone().expect("a tare prepares the test");
+        let signal = reading.signal(measurement, findings, marks.masked, &filter);
         let reason = reading.instrument.update_whole(signal.reason(), time.time_s);
         self.masked = marks.confirmed;
         self.report_parts(&reading.instrument, &changes, time.at);
@@ -93,7 +97,7 @@ impl Pipeline {
             self.update_baseline(reading, &signal, &[], signal.is_touched, time)?;
             return Ok(Outcome::invalid(reason));
         }
-        self.locate(reading, &signal, time)
+        self.locate(reading, &signal, &filter, time)
     }
 
     /// The contacts of a frame that can be used.
@@ -101,21 +105,20 @@ impl Pipeline {
         &mut self,
         reading: &mut Reading,
         signal: &Signal<'_>,
+        filter: &MatchedFilter,
         time: FrameTime,
     ) -> Result<Outcome, PipelineError> {
         if let Some(since_s) = reading.masked_time.update(&signal.masked, time.time_s) {
             self.judge_again(reading, since_s);
         }
-        let outputs = self.filter.as_ref().map(|filter| filter.outputs(&signal.difference));
+        let [touch, end] = signal.outputs;
         let was_felt = reading.felt_since_s.is_some();
-        let by_filter = |output: f64| self.filter.as_ref().is_some_and(|filter| filter.exceeds(output, was_felt));
-        let felt =
-            reading.touch_detector.update(signal.statistic) || outputs.is_some_and(|[touch, _]| by_filter(touch));
+        let felt = reading.touch_detector.update(signal.statistic) || filter.exceeds(touch, was_felt);
         reading.felt_since_s = felt.then(|| reading.felt_since_s.unwrap_or(time.time_s));
         let is_long = reading.felt_since_s.is_some_and(|since_s| time.time_s - since_s > LONG_S);
         // A skin that is unlike its model says nothing by it.
         let is_modelled = !self.state.settings.force_tare;
-        let may_have_ended = outputs.is_some_and(|[touch, end]| end > touch && by_filter(end));
+        let may_have_ended = end > touch && filter.exceeds(end, was_felt);
         if !may_have_ended {
             reading.ended_judgements = 0;
         }
@@ -304,13 +307,35 @@ impl Reading {
         self.trials.update(&measurement.values_ohm, [&marks.masked, &blocked], is_untouched, baseline_ohm);
     }
 
-    /// The difference of a frame from the baseline, without masked channels.
-    fn signal<'a>(&self, measurement: &'a Measurement, findings: Findings, masked: Vec<bool>) -> Signal<'a> {
-        let mut difference = difference(&measurement.values_ohm, self.baseline.values_ohm());
-        mask(&mut difference, &masked);
-        let statistic = statistic(&difference, self.electrodes.noise_ohm(), &masked);
-        let is_touched = self.touch_detector.exceeds(statistic);
-        Signal { measurement, findings, difference, masked, statistic, is_touched }
+    /// The difference of a frame from the baseline, without masked channels. Where the baseline of before the touch explains the frame
+    /// and the present one does not, it is used again.
+    fn signal<'a>(
+        &mut self,
+        measurement: &'a Measurement,
+        findings: Findings,
+        masked: Vec<bool>,
+        filter: &MatchedFilter,
+    ) -> Signal<'a> {
+        let was_felt = self.felt_since_s.is_some();
+        let of = |baseline_ohm: &[f64]| {
+            let mut difference = difference(&measurement.values_ohm, baseline_ohm);
+            mask(&mut difference, &masked);
+            let whitened = filter.whitened(&difference);
+            let statistic = filter.statistic(&whitened, self.electrodes.noise_ohm(), &masked);
+            (difference, whitened, statistic, self.touch_detector.exceeds(statistic))
+        };
+        let is_felt = |outputs: [f64; 2]| outputs.into_iter().any(|output| filter.exceeds(output, was_felt));
+        let (mut difference, whitened, mut statistic, mut is_touched) = of(self.baseline.values_ohm());
+        let mut outputs = filter.outputs(&whitened);
+        if let Some(before_ohm) = self.baseline.before_ohm().filter(|_| is_touched || is_felt(outputs)) {
+            let before = of(before_ohm);
+            let of_before = (!before.3).then(|| filter.outputs(&before.1)).filter(|outputs| !is_felt(*outputs));
+            if let Some(of_before) = of_before {
+                ((difference, _, statistic, is_touched), outputs) = (before, of_before);
+                self.baseline.restore();
+            }
+        }
+        Signal { measurement, findings, difference, masked, statistic, is_touched, outputs }
     }
 }
 

@@ -17,6 +17,9 @@ use crate::stats::{rms, upper_median};
 const MOVED: f64 = 3.0;
 /// With more touched frames than this part of a tare, the median may be touched, too: the tare takes longer.
 const MAX_MOVED: f64 = 0.2;
+/// More frames than this part of a tare that are equal to the one before are those of an instrument that was frozen in some of it. By
+/// chance, where the noise is below a step of the converter, less than half are.
+const MAX_EQUAL: f64 = 0.8;
 /// Frames beside a touched one are left out: a touch begins and ends in them.
 const BESIDE: usize = 2;
 /// After a refusal, this part of the frames is replaced by new ones.
@@ -41,7 +44,7 @@ pub(super) enum Refusal {
         /// Deviation of the values over that of their noise from frame to frame, of the median channel.
         swing: f64,
     },
-    /// All frames are equal.
+    /// Most frames are equal.
     Frozen,
     /// They are not those of the design.
     Unlike(Box<Finding>),
@@ -56,8 +59,8 @@ impl Refusal {
                  until the tare ends; if nothing touches it, look for hum: a cable that is not shielded, a ground, a supply"
             ),
             Refusal::Frozen => {
-                "no tare: all frames are the same, as those of a frozen instrument. Check it; accept frames of a \
-                 simulation without noise with --force"
+                "no tare: the frames are the same, as those of a frozen instrument. Check it; accept frames of a simulation \
+                 without noise with --force"
                     .into()
             }
             Refusal::Unlike(found) => format!("no tare: {}; {}", found.evidence, found.fix),
@@ -94,7 +97,10 @@ pub(super) fn judge(
         }
         _ => {}
     }
-    if !is_forced && values.windows(2).all(|pair| pair[0] == pair[1]) {
+    let equal = values.windows(2).filter(|pair| pair[0] == pair[1]).count();
+    let tells_no_noise =
+        || ChannelNoise::of(&values, protocol).is_none_or(|noise| noise.source() == NoiseSource::Assumed);
+    if !is_forced && (equal as f64 > MAX_EQUAL * values.len() as f64 || tells_no_noise()) {
         return Ok(Err((Refusal::Frozen, frames)));
     }
     let moved = moved(&values, &median, skin, &modes_of(modes, &median))?;
@@ -138,7 +144,7 @@ fn moved(values: &[&[f64]], median: &Frame, skin: &Skin, modes: &Matrix) -> crat
     let has_moved = |values: &&[f64]| {
         let difference: Vec<f64> = values.iter().zip(median.iter()).map(|(a, b)| a - b).collect();
         square(&difference) > MOVED * usual
-            || filter.outputs(&difference).into_iter().any(|output| filter.exceeds(output, false))
+            || filter.outputs(&filter.whitened(&difference)).into_iter().any(|output| filter.exceeds(output, false))
     };
     Ok(values.iter().map(has_moved).collect())
 }
@@ -196,6 +202,7 @@ mod tests {
         let fitter = DriftFitter::new(skin.clone()).unwrap();
         let model = &skin.linearised().unwrap().rest_frame;
         let sound = frames(&skin, 0.0, [0, 0], 6);
+        let sound_at = |index: usize, channel: usize| sound[index].values_ohm[channel];
         let refusal = |value: &dyn Fn(usize, usize) -> f64, is_forced: bool| {
             let frame = |index: usize| Measurement {
                 values_ohm: (0..model.len()).map(|channel| value(index, channel)).collect(),
@@ -212,6 +219,11 @@ mod tests {
         }
         assert_eq!(refusal(&|_, channel| sound[0].values_ohm[channel], false), Some(Refusal::Frozen));
         assert_eq!(refusal(&|_, channel| sound[0].values_ohm[channel], true), None);
+        // It has frozen in the tare, or shows a touch and no noise.
+        let frozen_from = |from: usize| move |index: usize, channel: usize| sound_at(index.min(from), channel);
+        assert_eq!(refusal(&frozen_from(12), false), Some(Refusal::Frozen));
+        let touched = |index: usize, channel: usize| sound_at(index / 50, channel);
+        assert_eq!(refusal(&touched, false), Some(Refusal::Frozen));
         let noise = |index: usize, channel: usize| sound[index].values_ohm[channel] - model[channel];
         assert!(matches!(refusal(&noise, false), Some(Refusal::Unlike(_))));
         let late = |index: usize, channel: usize| sound[index].values_ohm[(channel + 1) % model.len()];

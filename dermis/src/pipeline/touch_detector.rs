@@ -1,14 +1,15 @@
 //! Touch detection from the voltages only, without an image.
 
 use crate::estimate::noise::ChannelNoise;
+use crate::pipeline::matched_filter::MatchedFilter;
 use crate::pipeline::statistics::{Statistics, difference};
 use crate::protocol::Protocol;
 use serde::{Deserialize, Serialize};
 
 /// Detects touched frames by the size of their difference from the baseline.
 ///
-/// The statistic is the sum of squares of all differences in use, each divided by the standard deviation of its noise
-/// and limited. For untouched frames it has a scaled chi-squared distribution, as the noise of channels is not
+/// The statistic is the sum of squares of all differences in use, [without drift](MatchedFilter::whitened), each divided by the
+/// standard deviation of its noise and limited. For untouched frames it has a scaled chi-squared distribution, as the noise of channels is not
 /// independent: its mean and variance are those of the tare's frames. A frame is touched if it exceeds the quantile
 /// that noise exceeds once in three million frames, seven hours at 120 frames per second (Wilson and Hilferty, 1931,
 /// DOI 10.1073/pnas.17.12.684).
@@ -30,18 +31,18 @@ const MAX: f64 = 5.0;
 const RELEASE: f64 = 0.6;
 
 impl TouchDetector {
-    /// From untouched frames; each half of them is compared with the mean and the noise of the other half, because
-    /// frames fit the statistics that they are part of better than new frames do.
+    /// From untouched frames, without their drift; each half of them is compared with the mean and the noise of the other half,
+    /// because frames fit the statistics that they are part of better than new frames do.
     ///
     /// # Panics
     /// If there are fewer than four frames.
-    pub(super) fn of(untouched: &[&[f64]], masked: &[bool], protocol: &Protocol) -> Self {
+    pub(super) fn of(untouched: &[&[f64]], masked: &[bool], protocol: &Protocol, filter: &MatchedFilter) -> Self {
         let half = |first: usize| untouched.iter().copied().skip(first).step_by(2);
         let statistics = |own: usize| {
             let other: Vec<&[f64]> = half(1 - own).collect();
             let noise = ChannelNoise::of(&other, protocol).expect("a half of four frames");
             let mean = Statistics::of(other.into_iter()).mean;
-            let of = move |frame| statistic(&difference(frame, &mean), noise.sd_ohm(), masked);
+            let of = move |frame| filter.statistic(&filter.whitened(&difference(frame, &mean)), noise.sd_ohm(), masked);
             half(own).map(of).collect::<Vec<f64>>()
         };
         Self::new(&[statistics(0), statistics(1)].concat())
