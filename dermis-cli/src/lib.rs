@@ -72,7 +72,16 @@ fn program() -> clap::Command {
         "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{}Options:\n{{options}}{{after-help}}",
         groups(&program)
     );
-    program.help_template(template)
+    with_negative_numbers(program.help_template(template))
+}
+
+/// A value that begins with a minus is no option: its error is that of the value.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    let command = command.mut_subcommands(with_negative_numbers);
+    command.mut_args(|argument| {
+        let takes_value = argument.get_action().takes_values();
+        argument.allow_negative_numbers(takes_value)
+    })
 }
 
 /// The commands in groups, as `--help` shows them.

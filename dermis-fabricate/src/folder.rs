@@ -77,7 +77,7 @@ impl Manifest {
 /// Writes files and their manifest into a new folder. They are written beside it and renamed, so that the folder is
 /// there completely or not at all.
 ///
-/// A folder that exists is replaced only on request, and only one with a manifest and nothing that is not listed there.
+/// A folder that holds something is replaced only on request, and only one with a manifest and nothing that is not listed there.
 ///
 /// # Errors
 /// A folder that exists and is not to be replaced; one that cannot be written.
@@ -98,12 +98,13 @@ pub fn write_folder(
     new.finish().map_err(io)
 }
 
-/// Refuses a folder that exists, unless it may be replaced.
+/// Refuses a folder that holds something, unless it may be replaced.
 ///
 /// # Errors
 /// As [`write_folder`].
 pub fn check_free(folder: &Path, replace: bool) -> Result<(), FabricateError> {
-    if std::fs::symlink_metadata(folder).is_err() {
+    let is_empty = || std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
+    if std::fs::symlink_metadata(folder).is_err() || is_empty() {
         return Ok(());
     }
     let exists = |fix| Err(FabricateError::Exists { path: folder.to_path_buf(), fix });

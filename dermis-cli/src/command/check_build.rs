@@ -39,7 +39,7 @@ pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
     /// Frames of the untouched skin, one per row (CSV, NPY or NPZ; ohm, or see --unit), in place of a --source.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["source", "take"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["SourceArguments", "EmulatorArguments", "take"])]
     frames: Option<PathBuf>,
     #[arg(long, value_name = "FILE", requires = "frames", help = CURRENTS_HELP)]
     currents: Option<PathBuf>,
@@ -143,13 +143,17 @@ impl Arguments {
             counted(check.frames, "untouched frame"),
             findings_text(&check.findings, "sound, no findings")
         );
-        let _ = writeln!(
-            text,
-            "\nresistances over the design's: {:.3}; unevenness of the coat: {:.1} %; misfit: {:.2}",
-            check.resistance_factor,
-            100.0 * check.unevenness,
-            check.misfit
-        );
+        text.push('\n');
+        // Frames that no resistances explain tell none.
+        if check.misfit.is_finite() && check.resistance_factor.is_finite() {
+            let _ = writeln!(
+                text,
+                "resistances over the design's: {:.3}; unevenness of the coat: {:.1} %; misfit: {:.2}",
+                check.resistance_factor,
+                100.0 * check.unevenness,
+                check.misfit
+            );
+        }
         if let Some(path) = &self.output {
             let _ = writeln!(text, "written to {}", path.display());
         }

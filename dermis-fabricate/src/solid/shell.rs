@@ -34,7 +34,7 @@ pub(crate) fn shell(mesh: &BodyMesh, wall_m: f64) -> Result<Manifold, FabricateE
 }
 
 /// The inner node of each node: a wall's thickness below all triangles of the node. The inner face ends in the same
-/// plane as the surface where an edge of the surface lies in a plane.
+/// plane as the surface where an edge of the surface lies in a plane that it meets steeply.
 pub(crate) fn inner_m(mesh: &BodyMesh, wall_m: f64) -> Vec<Point3> {
     let mut inward: Vec<Point3> = mesh.normals.iter().map(|normal| scale(*normal, -1.0)).collect();
     for (nodes, across) in flat_edges(mesh) {
@@ -57,7 +57,7 @@ pub(crate) fn inner_m(mesh: &BodyMesh, wall_m: f64) -> Vec<Point3> {
     (0..mesh.nodes.len()).map(place).collect()
 }
 
-/// The nodes of each boundary loop that lies in a plane, and the normal of the plane.
+/// The nodes of each boundary loop that lies in a plane which the surface meets steeply, and the normal of the plane.
 fn flat_edges(mesh: &BodyMesh) -> Vec<(Vec<usize>, Point3)> {
     /// Largest distance from the plane, relative to the size of the loop, that is rounding of a file.
     const FLAT: f64 = 1e-4;
@@ -78,7 +78,10 @@ fn flat_edges(mesh: &BodyMesh) -> Vec<(Vec<usize>, Point3)> {
         let round = nodes.iter().zip(nodes.iter().cycle().skip(1));
         let across = normalize(round.fold([0.0; 3], |sum, (&a, &b)| add(sum, cross(radius(a), radius(b)))));
         let size_m = nodes.iter().map(|&node| norm(radius(node))).fold(0.0, f64::max);
-        if nodes.iter().all(|&node| dot(radius(node), across).abs() <= FLAT * size_m) {
+        // Where the surface is nearly parallel to that plane, as a plate or a shallow dome, the wall ends across it instead.
+        let steep = (1.0 - MAX_STRETCH.powi(-2)).sqrt();
+        let is_across = |node: usize| dot(mesh.normals[node], across).abs() <= steep;
+        if nodes.iter().all(|&node| dot(radius(node), across).abs() <= FLAT * size_m && is_across(node)) {
             flat.push((nodes, across));
         }
     }

@@ -16,6 +16,11 @@ pub enum OptimiseError {
         "the electrodes are groups of a mesh file, which cannot be moved: give them as `positions` with a disc as `shape`"
     )]
     Groups,
+    /// Arcs that must keep a distance from the edge.
+    #[error(
+        "arcs lie on the edge of the body, and keep no distance from it: leave it out, or give the electrodes discs as `shape`"
+    )]
+    EdgeOfArcs,
     /// No place obeys the rules.
     #[error(
         "no place is left for an electrode: {zones} forbidden zones and {edge_m} m from the edge leave nothing of the body; \

@@ -51,6 +51,9 @@ impl Places {
     pub(super) fn new(design: &SkinDesign, rules: &PlaceRules) -> crate::Result<Self> {
         let shape = design.electrodes[0].shape;
         let size_m = extent_m(shape).ok_or(OptimiseError::Groups)?;
+        if matches!(shape, ElectrodeShape::Arc { .. }) && rules.edge_m > 0.0 {
+            return Err(OptimiseError::EdgeOfArcs.into());
+        }
         let whole = Mesh::generate(design)?;
         if !matches!(whole.cells, Cells::Triangles(_)) {
             return Err(OptimiseError::Volume.into());

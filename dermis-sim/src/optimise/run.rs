@@ -3,6 +3,7 @@
 use super::judge::{judge, with_noise_of};
 use super::options::Start;
 use super::pattern::MIN_SLOTS;
+use super::places::Places;
 use super::state::{FoundLayout, State};
 use super::text::design_text;
 use super::{Judgement, Layouts, OptimiseError, OptimiseOptions, Optimiser, centres_m, finite, select_readings};
@@ -159,6 +160,10 @@ pub fn optimise(
     }
     let text = SkinDesign::with_files(&SkinDesign::text_of(design)?, design)?;
     let given = SkinDesign::parse(&text, design)?;
+    if !options.keep_electrodes {
+        let places = Places::new(&given, &options.optimise.rules)?;
+        options.all_counts(&given).into_iter().try_for_each(|count| places.fitting(count).map(drop))?;
+    }
     let run = Run { path: design, text: &text, given: &given, twin, options, output };
     let bound = &options.optimise.bound;
     let of_given = judge(&given, twin, bound)?;

@@ -66,6 +66,12 @@ pub(super) fn places(source: &Source<'_>, ground: &Ground<'_>, table: &Electrode
         }
         (LayoutTable::Rim { .. }, _) => return Err(wrong_body("a rim", "a disk, a rectangle or a polygon")),
         (LayoutTable::Grid { rows, columns, margin_m }, &Body::Rectangle { width_m, height_m }) => {
+            let half_m = 0.5 * width_m.min(height_m);
+            if let Some(At { value, span }) = margin_m.as_ref().filter(|at| !(0.0..half_m).contains(&at.value)) {
+                let message =
+                    format!("margin_m is {value}: it must be from 0 to less than half of the shorter side, {half_m} m");
+                return Err(source.fail(Some(span.clone()), message, None));
+            }
             let margin_m = margin_m.as_ref().map(|at| at.value);
             let place = |index: usize| {
                 let (row, column) = (index / columns.value, index % columns.value);

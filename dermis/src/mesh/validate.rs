@@ -1,20 +1,25 @@
 //! Checks that a forward problem can be solved on a mesh.
 
-use crate::geom::vector::{Point3, cross, longest_edge, sub, tetrahedron_volume};
+use crate::geom::vector::{Point3, cross, distance, longest_edge, sub, tetrahedron_volume};
 use crate::mesh::{Cells, ElectrodePatch, Mesh, MeshError};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// A triangle whose height is less than this fraction of its longest edge is degenerate, as its area is a rounding
 /// error; likewise a tetrahedron whose volume is less than this fraction of its longest edge cubed.
 const FLAT: f64 = 1e-10;
+/// Nodes on the edge of a surface that are nearer to each other than this part of the mean edge there, and not joined by one, are a
+/// crack, as of a body whose faces were written one by one: current crosses no gap, and nobody cuts one that narrow.
+const CRACK: f64 = 0.01;
+/// The same on the surface of a volume, which may be thin.
+const ROUNDING: f64 = 1e-9;
 
 impl Mesh {
     /// Checks that a forward problem can be solved on this mesh.
     ///
     /// # Errors
     /// A node that is not finite or belongs to no cell; an index out of range; a cell without area or inverted; an edge
-    /// of more than two triangles (a face of more than two tetrahedra); a crack, where two boundary nodes have the same
-    /// position; an electrode without faces, or two on one cell; a part of the mesh without an electrode.
+    /// of more than two triangles (a face of more than two tetrahedra); a crack, where two boundary nodes have nearly the
+    /// same position; an electrode without faces, or two on one cell; a part of the mesh without an electrode.
     pub fn validate(&self) -> Result<(), MeshError> {
         self.check_indices()?;
         self.check_nodes()?;
@@ -125,24 +130,42 @@ impl Mesh {
         }
     }
 
-    /// Two boundary nodes at the same position are a crack that current cannot cross.
+    /// Two boundary nodes at nearly the same position are a crack that current cannot cross.
     fn check_tears(&self, boundary: &BTreeMap<Vec<usize>, usize>) -> Result<(), MeshError> {
-        let mut at: HashMap<[u64; 3], usize> = HashMap::new();
+        let pairs = |face: &Vec<usize>| -> Vec<[usize; 2]> {
+            (1..face.len()).flat_map(|k| (0..k).map(move |j| [face[j].min(face[k]), face[j].max(face[k])])).collect()
+        };
+        let edges: HashSet<[usize; 2]> = boundary.keys().flat_map(|face| pairs(face)).collect();
+        let length_m = |&[a, b]: &[usize; 2]| distance(self.nodes[a], self.nodes[b]);
+        let mean_m = edges.iter().map(length_m).sum::<f64>() / edges.len().max(1) as f64;
+        let crack_m = mean_m
+            * match &self.cells {
+                Cells::Triangles(_) => CRACK,
+                Cells::Tetrahedra(_) => ROUNDING,
+            };
+        let mut in_box: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
         let mut seen = vec![false; self.node_count()];
         for &node in boundary.keys().flatten() {
             if std::mem::replace(&mut seen[node], true) {
                 continue;
             }
-            // Adding zero converts -0.0 to 0.0.
-            let place = self.nodes[node].map(|x| (x + 0.0).to_bits());
-            if let Some(other) = at.insert(place, node) {
-                let (low, high) = (other.min(node), other.max(node));
+            let home = self.nodes[node].map(|x| (x / crack_m).floor() as i64);
+            let near = (0..27).map(|k| [home[0] + k % 3 - 1, home[1] + k / 3 % 3 - 1, home[2] + k / 9 - 1]);
+            let near = near.filter_map(|place| in_box.get(&place)).flatten().copied();
+            let pair = near.map(|other| [other.min(node), other.max(node)]);
+            if let Some([low, high]) = pair.into_iter().find(|pair| !edges.contains(pair) && length_m(pair) <= crack_m)
+            {
+                let place = match length_m(&[low, high]) {
+                    0.0 => "at one place".to_string(),
+                    apart_m => format!("{:.2e} m apart", apart_m),
+                };
                 return invalid(format!(
-                    "the mesh is torn at {:?} m, where nodes {low} and {high} lie at one place: merge vertices that are there \
+                    "the mesh is torn at {:?} m, where nodes {low} and {high} lie {place}: merge vertices that are there \
                      twice; a vertex on the edge of another triangle must be a corner of it",
                     self.nodes[node]
                 ));
             }
+            in_box.entry(home).or_default().push(node);
         }
         Ok(())
     }

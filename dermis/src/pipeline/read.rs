@@ -18,7 +18,7 @@ use crate::pipeline::process::FrameTime;
 use crate::pipeline::state::{Marks, Reading};
 use crate::pipeline::statistics::difference;
 use crate::pipeline::timestamp::Timestamp;
-use crate::pipeline::touch_detector::statistic;
+use crate::pipeline::touch_detector::statistic as statistic_of;
 use crate::pipeline::validity::{InvalidReason, Validity};
 use crate::pipeline::{Pipeline, marked, reports};
 use crate::reconstruct::{Detection, Search};
@@ -266,7 +266,7 @@ impl Reading {
     fn is_offset(&self, topology: &ElectrodeTopology, common_mode: &CommonMode, findings: &Findings) -> bool {
         let mut masked = self.marks(topology).masked;
         InstrumentMonitor::mark_findings(topology, findings, &mut masked);
-        let statistic = statistic(&findings.change_ohm, self.electrodes.noise_ohm(), &masked);
+        let statistic = statistic_of(&findings.change_ohm, self.electrodes.noise_ohm(), &masked);
         self.touch_detector.exceeds(statistic) && common_mode.is_offset(&findings.change_ohm, &masked)
     }
 
@@ -307,8 +307,8 @@ impl Reading {
         self.trials.update(&measurement.values_ohm, [&marks.masked, &blocked], is_untouched, baseline_ohm);
     }
 
-    /// The difference of a frame from the baseline, without masked channels. Where the baseline of before the touch explains the frame
-    /// and the present one does not, it is used again.
+    /// The difference of a frame from the baseline, without masked channels. Where the frame is untouched by the baseline of before the
+    /// touch, and is not by the present one or is farther from it, that one is used again.
     fn signal<'a>(
         &mut self,
         measurement: &'a Measurement,
@@ -327,10 +327,11 @@ impl Reading {
         let is_felt = |outputs: [f64; 2]| outputs.into_iter().any(|output| filter.exceeds(output, was_felt));
         let (mut difference, whitened, mut statistic, mut is_touched) = of(self.baseline.values_ohm());
         let mut outputs = filter.outputs(&whitened);
-        if let Some(before_ohm) = self.baseline.before_ohm().filter(|_| is_touched || is_felt(outputs)) {
-            let before = of(before_ohm);
-            let of_before = (!before.3).then(|| filter.outputs(&before.1)).filter(|outputs| !is_felt(*outputs));
-            if let Some(of_before) = of_before {
+        if let Some(before) = self.baseline.before_ohm().map(of).filter(|before| !before.3) {
+            let of_before = filter.outputs(&before.1);
+            let size = |difference: &[f64]| statistic_of(difference, self.electrodes.noise_ohm(), &masked);
+            let is_nearer = || is_touched || is_felt(outputs) || size(&before.0) < size(&difference);
+            if !is_felt(of_before) && is_nearer() {
                 ((difference, _, statistic, is_touched), outputs) = (before, of_before);
                 self.baseline.restore();
             }
