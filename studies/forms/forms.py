@@ -95,6 +95,7 @@ FORMS = {
     "two balls, 45 mm apart": lambda s, r: pair(s, r, 0.045),
     "ball, sd 4 mm, with drift": single(lambda s, z, t, a: ball(s, z, t, 0.004), (1, 5)),
     "untouched, with drift": lambda s, r: ([], []),
+    "untouched, with three times the noise": lambda s, r: ([], []),
 }
 # Of the conductance since the untouched frames, at most: linear along the axis, and across it.
 DRIFT = 0.01
@@ -131,7 +132,7 @@ def main(dermis, methods):
     far = [len({d, (d + 1) % ELECTRODES, m, (m + 1) % ELECTRODES}) == 4
            for d in range(ELECTRODES) for m in range(ELECTRODES) if m != d]
     skins = [Skin(*skin) for skin in SKINS]
-    print(f"{'form':34} {'method':8} objects misses false confident   mean  region")
+    print(f"{'form':38} {'method':8} objects misses false confident   mean  region")
     for number, (name, objects) in enumerate(FORMS.items()):
         totals = defaultdict(lambda: np.zeros(7))
         for skin, (seed, _) in zip(skins, SKINS):
@@ -141,7 +142,7 @@ def main(dermis, methods):
             pressures = [skin.pressure(pressed) if pressed else None for pressed, _ in drawn]
             frames = np.array([skin.frame(pressure, drift) for pressure, drift in zip(pressures, drifts)])
             sd = np.sqrt((skin.untouched[far] ** 2).mean()) * 10 ** (-NOISE_DB / 20)
-            noisy = frames + random.normal(0, sd, frames.shape)
+            noisy = frames + random.normal(0, sd * (3 if name.endswith("the noise") else 1), frames.shape)
             untouched = skin.untouched + random.normal(0, sd, (UNTOUCHED, frames.shape[1]))
             for method in methods:
                 with tempfile.TemporaryDirectory() as folder:
@@ -149,7 +150,7 @@ def main(dermis, methods):
                 totals[method] += sum(scored(places, found[index]) for index, (_, places) in enumerate(drawn))
         for method, (count, misses, false, confident, errors, held, matched) in totals.items():
             mean, share = errors / max(matched, 1), 100 * held / max(matched, 1)
-            print(f"{name:34} {method:8} {count:7.0f} {misses:6.0f} {false:5.0f} {confident:9.0f} {mean:6.2f} {share:5.0f} %", flush=True)
+            print(f"{name:38} {method:8} {count:7.0f} {misses:6.0f} {false:5.0f} {confident:9.0f} {mean:6.2f} {share:5.0f} %", flush=True)
 
 
 if __name__ == "__main__":

@@ -135,7 +135,7 @@ impl Mesh {
         let pairs = |face: &Vec<usize>| -> Vec<[usize; 2]> {
             (1..face.len()).flat_map(|k| (0..k).map(move |j| [face[j].min(face[k]), face[j].max(face[k])])).collect()
         };
-        let edges: HashSet<[usize; 2]> = boundary.keys().flat_map(|face| pairs(face)).collect();
+        let edges: HashSet<[usize; 2]> = boundary.keys().flat_map(pairs).collect();
         let length_m = |&[a, b]: &[usize; 2]| distance(self.nodes[a], self.nodes[b]);
         let mean_m = edges.iter().map(length_m).sum::<f64>() / edges.len().max(1) as f64;
         let crack_m = mean_m

@@ -167,7 +167,9 @@ impl Pipeline {
         let untouched: Vec<Vec<f64>> = values.iter().map(|values| difference(values, &statistics.mean)).collect();
         let filter = self.filter_of(&statistics.mean, electrodes.noise_ohm(), &untouched)?;
         self.state.phase = Phase::Reading(Box::new(Reading {
-            touch_detector: TouchDetector::of(&values, &self.masked, protocol, &filter),
+            touch_detector: TouchDetector::of(&values, protocol, |difference, noise_ohm| {
+                filter.statistic(&filter.whitened(difference), noise_ohm, &self.masked)
+            }),
             untouched,
             rest_ohm: statistics.mean.clone(),
             baseline: Baseline::new(statistics.mean),

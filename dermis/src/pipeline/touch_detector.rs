@@ -1,7 +1,6 @@
 //! Touch detection from the voltages only, without an image.
 
 use crate::estimate::noise::ChannelNoise;
-use crate::pipeline::matched_filter::MatchedFilter;
 use crate::pipeline::statistics::{Statistics, difference};
 use crate::protocol::Protocol;
 use serde::{Deserialize, Serialize};
@@ -31,18 +30,18 @@ const MAX: f64 = 5.0;
 const RELEASE: f64 = 0.6;
 
 impl TouchDetector {
-    /// From untouched frames, without their drift; each half of them is compared with the mean and the noise of the other half,
-    /// because frames fit the statistics that they are part of better than new frames do.
+    /// From untouched frames and the statistic of a difference with some noise, ohm; each half of them is compared with the mean and
+    /// the noise of the other half, because frames fit the statistics that they are part of better than new frames do.
     ///
     /// # Panics
     /// If there are fewer than four frames.
-    pub(super) fn of(untouched: &[&[f64]], masked: &[bool], protocol: &Protocol, filter: &MatchedFilter) -> Self {
+    pub(super) fn of(untouched: &[&[f64]], protocol: &Protocol, statistic: impl Fn(&[f64], &[f64]) -> f64) -> Self {
         let half = |first: usize| untouched.iter().copied().skip(first).step_by(2);
         let statistics = |own: usize| {
             let other: Vec<&[f64]> = half(1 - own).collect();
             let noise = ChannelNoise::of(&other, protocol).expect("a half of four frames");
             let mean = Statistics::of(other.into_iter()).mean;
-            let of = move |frame| filter.statistic(&filter.whitened(&difference(frame, &mean)), noise.sd_ohm(), masked);
+            let of = |frame| statistic(&difference(frame, &mean), noise.sd_ohm());
             half(own).map(of).collect::<Vec<f64>>()
         };
         Self::new(&[statistics(0), statistics(1)].concat())
@@ -122,7 +121,9 @@ mod tests {
         let mut frame = || (0..count).map(|_| standard_normal(&mut rng)).collect::<Vec<f64>>();
         let untouched: Vec<Vec<f64>> = (0..100).map(|_| frame()).collect();
         let untouched: Vec<&[f64]> = untouched.iter().map(Vec::as_slice).collect();
-        let mut detector = TouchDetector::of(&untouched, &vec![false; count], &protocol);
+        let mut detector = TouchDetector::of(&untouched, &protocol, |difference, noise| {
+            statistic(difference, noise, &vec![false; count])
+        });
         let (one, many) = (frame(), frame().iter().map(|value| value + 4.0).collect::<Vec<f64>>());
         let bad: Vec<f64> = one.iter().enumerate().map(|(at, value)| if at == 7 { 1e6 } else { *value }).collect();
         assert!(!detector.update(statistic(&bad, &vec![1.0; count], &vec![false; count])));
