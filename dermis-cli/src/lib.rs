@@ -75,7 +75,7 @@ fn program() -> clap::Command {
     with_negative_numbers(program.help_template(template))
 }
 
-/// A value that begins with a minus is no option: its error is that of the value.
+/// A number that begins with a minus is no option: its error is that of the value.
 fn with_negative_numbers(command: clap::Command) -> clap::Command {
     let command = command.mut_subcommands(with_negative_numbers);
     command.mut_args(|argument| {

@@ -104,8 +104,11 @@ pub fn write_folder(
 /// As [`write_folder`].
 pub fn check_free(folder: &Path, replace: bool) -> Result<(), FabricateError> {
     let is_empty = || std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
-    if std::fs::symlink_metadata(folder).is_err() || is_empty() {
-        return Ok(());
+    match std::fs::symlink_metadata(folder) {
+        Err(_) => return Ok(()),
+        // Neither a link nor the folder that one is in: they cannot be replaced.
+        Ok(found) if found.is_dir() && folder.file_name().is_some() && is_empty() => return Ok(()),
+        Ok(_) => {}
     }
     let exists = |fix| Err(FabricateError::Exists { path: folder.to_path_buf(), fix });
     if !replace {

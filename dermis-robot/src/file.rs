@@ -348,7 +348,7 @@ impl Reader<'_> {
         }
         let file: RobotFile = toml::from_str(self.text).map_err(|error| {
             let (message, fix) = explain_toml_error(error.message());
-            // A key that the file lacks has no place: its begin.
+            // A key that the file lacks has no place in it: its beginning.
             let at = error.span().filter(|span| !span.is_empty()).unwrap_or(0..self.text.len().min(1));
             self.error(at, message, fix.as_deref())
         })?;

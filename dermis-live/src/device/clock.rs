@@ -9,7 +9,7 @@ use std::time::Duration;
 /// DOI 10.1007/BF01784024, in one direction). The two clocks may drift apart by 1e-4. When all messages have been late
 /// by more than one second for longer than one second, one of the clocks was set. (A connection that merely stalled
 /// delivers its delayed messages together.) When that happens again soon, the device's clock is too slow. Device time that does not increase from message to message, or that runs far
-/// ahead of the host's, is that of a faulty clock, as that of a slow one is: the time of arrival replaces it.
+/// ahead of the host's, is that of a faulty clock. The time of arrival replaces it, and that of a slow clock.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct DeviceClock {
     /// Only the first message is set to the host's clock: the device may be slower than real time.
@@ -20,8 +20,8 @@ pub(crate) struct DeviceClock {
     late_since: Option<Timestamp>,
     /// When messages had been late for so long that a clock must have been set.
     set_at: Option<Timestamp>,
-    /// Whether its seconds are longer than those of the host.
-    is_slow: bool,
+    /// While its seconds are longer than those of the host: its time, us, and that of the host when they were compared last.
+    slow_since: Option<(u64, Timestamp)>,
     /// The last returned time; later times are never earlier.
     last: Timestamp,
     /// Device time, us, and time of arrival of the last message.
@@ -38,14 +38,16 @@ const DRIFT: f64 = 1e-4;
 const LATE_NS: i128 = 1_000_000_000;
 /// After messages have been late for this long, a clock must have been set, s.
 const SET_S: f64 = 1.0;
-/// A clock that must have been set twice in this time is slow, by a hundredth or more, s.
+/// A clock that must have been set twice in this time is slow, s, ...
 const SET_AGAIN_S: f64 = 100.0;
+/// ... and stays so while its seconds are longer by this part of one: it is late by `LATE_NS` again in this time.
+const SLOW: f64 = 0.01;
 
 impl DeviceClock {
     /// The host time of an event that the device reports at `time_us` and that was received at `received_at`; never
     /// earlier than the last returned time.
     pub(super) fn moment(&mut self, time_us: u64, received_at: Timestamp) -> Timestamp {
-        if self.jumps(time_us, received_at) || self.is_slow && !self.is_free {
+        if self.jumps(time_us, received_at) || self.is_slow(time_us, received_at) && !self.is_free {
             self.faults += 1;
             self.least = None;
             self.late_since = None;
@@ -68,7 +70,7 @@ impl DeviceClock {
             let since_s = Duration::from_micros(time_us.saturating_sub(at_us)).as_secs_f64();
             least_ns + (since_s * DRIFT * 1e9) as i128
         });
-        let allowed_ns = allowed_ns.filter(|allowed_ns| !self.was_set(offset_ns - allowed_ns, received_at));
+        let allowed_ns = allowed_ns.filter(|allowed_ns| !self.was_set(offset_ns - allowed_ns, time_us, received_at));
         match allowed_ns {
             Some(allowed_ns) if allowed_ns < offset_ns => allowed_ns,
             _ => {
@@ -86,13 +88,28 @@ impl DeviceClock {
         })
     }
 
+    /// Whether the device's seconds are still longer than those of the host.
+    fn is_slow(&mut self, time_us: u64, received_at: Timestamp) -> bool {
+        let Some((since_us, since)) = self.slow_since else { return false };
+        let host_s = received_at.seconds_since(since);
+        if host_s < SET_AGAIN_S {
+            return true;
+        }
+        let device_s = time_us.saturating_sub(since_us) as f64 * 1e-6;
+        self.slow_since = (device_s < (1.0 - SLOW) * host_s).then_some((time_us, received_at));
+        if self.slow_since.is_none() {
+            self.set_at = None;
+        }
+        self.slow_since.is_some()
+    }
+
     /// Messages with a faulty time.
     pub(super) fn faults(&self) -> u64 {
         self.faults
     }
 
     /// Whether messages have been late for so long, this one by `late_ns`, that a clock must have been set.
-    fn was_set(&mut self, late_ns: i128, received_at: Timestamp) -> bool {
+    fn was_set(&mut self, late_ns: i128, time_us: u64, received_at: Timestamp) -> bool {
         if late_ns < LATE_NS {
             self.late_since = None;
             return false;
@@ -102,7 +119,9 @@ impl DeviceClock {
         if was_set {
             self.late_since = None;
             let before = self.set_at.replace(received_at);
-            self.is_slow = before.is_some_and(|before| received_at.seconds_since(before) < SET_AGAIN_S);
+            if before.is_some_and(|before| received_at.seconds_since(before) < SET_AGAIN_S) {
+                self.slow_since = Some((time_us, received_at));
+            }
         }
         was_set
     }
@@ -167,6 +186,26 @@ mod tests {
             assert!(from as f64 * 0.01 * slower < 12.0, "{slower}: late until {} s", from as f64 * 0.01 * slower);
             assert!(late_s.iter().all(|late_s| *late_s < 2.1 + 0.01 * slower));
         }
+        // A good clock whose host was set twice is used again.
+        let (mut clock, mut last_late_s) = (DeviceClock::default(), 0.0);
+        for frame in 0..30_000u64 {
+            let device_s = frame as f64 * 0.01;
+            let set_s = if device_s < 20.0 {
+                0.0
+            } else if device_s < 40.0 {
+                5.0
+            } else {
+                10.0
+            };
+            // Every third message is delayed.
+            let received_at = 1e6 + device_s + set_s + if frame % 3 == 0 { 0.02 } else { 0.0 };
+            let received_at = Timestamp { unix_ns: (received_at * 1e9) as u64 };
+            last_late_s = received_at.seconds_since(clock.moment((device_s * 1e6) as u64, received_at));
+            if frame == 29_997 {
+                assert!((last_late_s - 0.02).abs() < 1e-3, "{last_late_s}");
+            }
+        }
+        assert!(last_late_s < 1e-3, "{last_late_s}");
         // Oscillators differ by less.
         assert!(late_s(|device_s| 1.001 * device_s).iter().all(|late_s| *late_s < 0.02));
     }

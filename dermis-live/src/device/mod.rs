@@ -130,9 +130,9 @@ struct Refusals {
     interval: Duration,
 }
 
-impl Default for Refusals {
-    fn default() -> Self {
-        Refusals { counts: Counts::default(), tests: 0, at: Instant::now(), interval: NONE_USED }
+impl Refusals {
+    fn of(stream: &Stream) -> Self {
+        Refusals { counts: stream.counts(), tests: stream.tests, at: Instant::now(), interval: NONE_USED }
     }
 }
 
@@ -350,10 +350,10 @@ impl Device {
             decoder,
             buffer: vec![0; READ_BYTES],
             facts,
+            refusals: Refusals::of(&stream),
             stream,
             notice: connected.notice,
             reported_clock: (0, None),
-            refusals: Refusals::default(),
             heard_at: Instant::now(),
             asked_at: None,
         })
@@ -393,8 +393,9 @@ impl Device {
     fn refusal_report(&mut self) -> Option<String> {
         let (counts, tests) = (self.stream.counts(), self.stream.tests);
         let Refusals { counts: before, tests: tests_before, at, interval } = &mut self.refusals;
-        if counts.frames > before.frames {
-            self.refusals = Refusals { counts, tests, ..Refusals::default() };
+        let used = |counts: &Counts| counts.frames - counts.reordered;
+        if used(&counts) > used(before) {
+            self.refusals = Refusals::of(&self.stream);
             return None;
         }
         let parts = [
@@ -434,7 +435,7 @@ impl Device {
         };
         self.heard_at = Instant::now();
         let received_at = crate::clock::now();
-        for text in [self.clock_report(), self.refusal_report()].into_iter().flatten() {
+        if let Some(text) = self.clock_report() {
             publish(DeviceEvent::Notice(Notice { level: Severity::Warning, text, at: received_at }));
         }
         let Device { decoder, buffer, stream, asked_at, .. } = self;
@@ -458,6 +459,9 @@ impl Device {
                 Err(_) => stream.damaged += 1,
             }
         });
+        if let Some(text) = self.refusal_report() {
+            publish(DeviceEvent::Notice(Notice { level: Severity::Warning, text, at: received_at }));
+        }
         Ok(())
     }
 }

@@ -164,7 +164,9 @@ impl Frames {
     /// The stale frame to report now, and whether it is the first report.
     fn stale(&mut self) -> Option<(LiveFrame, bool)> {
         let age = self.arrived.elapsed();
-        let usual_s = upper_median(self.intervals_s.make_contiguous()).unwrap_or(0.0);
+        let nominal_hz = self.last.as_ref().and_then(|last| last.result.health.nominal_rate_hz).unwrap_or(0.0);
+        // A device that states its rate is not waited for longer because frames were lost.
+        let usual_s = upper_median(self.intervals_s.make_contiguous()).unwrap_or(0.0).min(1.0 / nominal_hz);
         let limit = STALE.max(Duration::from_secs_f64(INTERVALS * usual_s));
         let is_due = self.reported.is_none_or(|at| at.elapsed() >= AGAIN);
         let last = self.last.as_ref().filter(|_| age > limit && is_due)?;

@@ -140,7 +140,7 @@ struct FrameNoise<'a> {
 impl FrameNoise<'_> {
     /// The standard deviation of a pixel.
     fn sd(&self, pixel: usize) -> f64 {
-        self.ratio * self.known.map_or(self.even_sd, |noise| noise.sd()[pixel])
+        self.known.map_or(self.even_sd, |noise| self.ratio * noise.sd()[pixel])
     }
 }
 

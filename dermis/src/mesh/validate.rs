@@ -7,11 +7,12 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 /// A triangle whose height is less than this fraction of its longest edge is degenerate, as its area is a rounding
 /// error; likewise a tetrahedron whose volume is less than this fraction of its longest edge cubed.
 const FLAT: f64 = 1e-10;
-/// Nodes on the edge of a surface that are nearer to each other than this part of the mean edge there, and not joined by one, are a
-/// crack, as of a body whose faces were written one by one: current crosses no gap, and nobody cuts one that narrow.
+/// Nodes on the edge of a surface that are nearer to each other than this part of the mean edge there and than this distance, m, and not
+/// joined by an edge, are a crack, as of a body whose faces were written one by one. Lasers and knives cut wider ones.
 const CRACK: f64 = 0.01;
-/// The same on the surface of a volume, which may be thin.
-const ROUNDING: f64 = 1e-9;
+const CRACK_M: f64 = 5e-5;
+/// Rounding of places, m.
+const ROUNDING_M: f64 = 1e-12;
 
 impl Mesh {
     /// Checks that a forward problem can be solved on this mesh.
@@ -132,17 +133,17 @@ impl Mesh {
 
     /// Two boundary nodes at nearly the same position are a crack that current cannot cross.
     fn check_tears(&self, boundary: &BTreeMap<Vec<usize>, usize>) -> Result<(), MeshError> {
-        let pairs = |face: &Vec<usize>| -> Vec<[usize; 2]> {
-            (1..face.len()).flat_map(|k| (0..k).map(move |j| [face[j].min(face[k]), face[j].max(face[k])])).collect()
-        };
-        let edges: HashSet<[usize; 2]> = boundary.keys().flat_map(pairs).collect();
         let length_m = |&[a, b]: &[usize; 2]| distance(self.nodes[a], self.nodes[b]);
-        let mean_m = edges.iter().map(length_m).sum::<f64>() / edges.len().max(1) as f64;
-        let crack_m = mean_m
-            * match &self.cells {
-                Cells::Triangles(_) => CRACK,
-                Cells::Tetrahedra(_) => ROUNDING,
-            };
+        let (crack_m, edges) = match &self.cells {
+            Cells::Triangles(cells) => {
+                let edges: HashSet<[usize; 2]> = triangle_edges(cells).into_keys().collect();
+                let mean_m = boundary.keys().map(|edge| length_m(&[edge[0], edge[1]])).sum::<f64>()
+                    / boundary.len().max(1) as f64;
+                ((CRACK * mean_m).min(CRACK_M), edges)
+            }
+            // A volume may be thin: there only nodes at one place are.
+            Cells::Tetrahedra(_) => (ROUNDING_M, HashSet::new()),
+        };
         let mut in_box: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
         let mut seen = vec![false; self.node_count()];
         for &node in boundary.keys().flatten() {
@@ -150,7 +151,8 @@ impl Mesh {
                 continue;
             }
             let home = self.nodes[node].map(|x| (x / crack_m).floor() as i64);
-            let near = (0..27).map(|k| [home[0] + k % 3 - 1, home[1] + k / 3 % 3 - 1, home[2] + k / 9 - 1]);
+            let near = (0..27).map(|k| [k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1]);
+            let near = near.map(|by| [0, 1, 2].map(|axis| home[axis].wrapping_add(by[axis])));
             let near = near.filter_map(|place| in_box.get(&place)).flatten().copied();
             let pair = near.map(|other| [other.min(node), other.max(node)]);
             if let Some([low, high]) = pair.into_iter().find(|pair| !edges.contains(pair) && length_m(pair) <= crack_m)

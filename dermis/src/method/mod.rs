@@ -261,7 +261,9 @@ impl Method {
         protocol: &Protocol,
     ) -> Result<Detector, ReconstructError> {
         let detector = match noise.source() {
-            NoiseSource::Scatter => detector.with_reciprocal_pairs(ReciprocalPairs::new(protocol, noise.sd_ohm())),
+            NoiseSource::Scatter => {
+                detector.with_reciprocal_pairs(ReciprocalPairs::new(protocol, &noise.sd_of_difference_ohm()))
+            }
             NoiseSource::Reciprocity | NoiseSource::Frames | NoiseSource::Assumed => detector,
         };
         Ok(match image_noise_of(self.reconstruct.as_ref(), noise, untouched)? {

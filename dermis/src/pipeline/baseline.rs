@@ -99,9 +99,13 @@ impl Baseline {
         &self.values_ohm
     }
 
-    /// The baseline, to be set for channels that come back.
-    pub(super) fn values_ohm_mut(&mut self) -> &mut [f64] {
-        &mut self.values_ohm
+    /// Changes the baseline, and that of before the touch alike.
+    pub(super) fn change(&mut self, change: impl FnOnce(&mut [f64])) {
+        let was_ohm = self.before_ohm.is_some().then(|| self.values_ohm.clone());
+        change(&mut self.values_ohm);
+        let values = self.values_ohm.iter().zip(was_ohm.iter().flatten());
+        let changed = self.before_ohm.iter_mut().flatten().zip(values).filter(|(_, (now, was))| now != was);
+        changed.for_each(|(before, (now, _))| *before = *now);
     }
 
     /// That of before the touch, ohm, during one.

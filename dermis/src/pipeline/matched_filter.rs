@@ -21,6 +21,8 @@ const ERRORS: f64 = 2.0;
 const MEDIAN_ERROR: f64 = 1.17;
 /// The standard deviation of a normal distribution over the median of its absolute values.
 const NORMAL_MEDIAN: f64 = 1.4826;
+/// With fewer distinct values for each mode of drift, as of a few electrodes, a touch is much like drift.
+const VALUES_PER_MODE: usize = 3;
 /// A touch ends below this fraction of the threshold.
 const RELEASE: f64 = 0.6;
 
@@ -38,6 +40,8 @@ pub(super) struct MatchedFilter {
     table: Vec<f32>,
     width: usize,
     whitening: Whitening,
+    /// Whether the channels tell more than drift.
+    tells_drift: bool,
     over_noise: Vec<f64>,
     threshold: f64,
 }
@@ -66,7 +70,9 @@ impl MatchedFilter {
             table.extend(of_distinct.row(place).iter().map(|value| (value / norm) as f32));
             table.resize(table.len().next_multiple_of(width), 0.0);
         }
-        let mut filter = MatchedFilter { distinct, table, width, whitening, over_noise, threshold: f64::INFINITY };
+        let tells_drift = of_distinct.columns >= VALUES_PER_MODE * modes.rows;
+        let mut filter =
+            MatchedFilter { distinct, table, width, whitening, tells_drift, over_noise, threshold: f64::INFINITY };
         filter.measure(untouched);
         Ok(filter)
     }
@@ -98,12 +104,16 @@ impl MatchedFilter {
         values
     }
 
-    /// The statistic of the [touch detector](super::touch_detector::TouchDetector) for a whitened difference. The noise may have
-    /// changed since the tare.
-    pub(super) fn statistic(&self, whitened: &[f64], noise_ohm: &[f64], masked: &[bool]) -> f64 {
-        let without_drift =
-            whitened.iter().zip(&self.over_noise).map(|(value, over)| if *over > 0.0 { value / over } else { 0.0 });
-        statistic(&without_drift.collect::<Vec<f64>>(), noise_ohm, masked)
+    /// The statistic of the [touch detector](super::touch_detector::TouchDetector) for a difference, ohm, and the same whitened: the
+    /// smaller one of both. Drift is in the first alone; a single bad reading, which is bounded there, is in all values of the second.
+    pub(super) fn statistic(&self, difference: &[f64], whitened: &[f64], noise_ohm: &[f64], masked: &[bool]) -> f64 {
+        let of_difference = statistic(difference, noise_ohm, masked);
+        if !self.tells_drift {
+            return of_difference;
+        }
+        let value = |(value, over): (&f64, &f64)| if *over > 0.0 { value / over } else { 0.0 };
+        let without_drift: Vec<f64> = whitened.iter().zip(&self.over_noise).map(value).collect();
+        of_difference.min(statistic(&without_drift, noise_ohm, masked))
     }
 
     /// The product of a whitened difference with each place.

@@ -190,8 +190,8 @@ impl Pipeline {
             methods,
         };
         if let Phase::Reading(reading) = &pipeline.state.phase {
-            let (baseline_ohm, noise_ohm) = (reading.baseline.values_ohm(), reading.electrodes.noise_ohm());
-            pipeline.filter = Some(pipeline.filter_of(baseline_ohm, noise_ohm, &reading.untouched)?);
+            let noise_ohm = reading.electrodes.noise_ohm();
+            pipeline.filter = Some(pipeline.filter_of(&reading.rest_ohm, noise_ohm, &reading.untouched)?);
         }
         let masked = pipeline.state.method_masked.clone();
         let rest_ohm = pipeline.adaptation_ohm().filter(|_| pipeline.state.method_adapted).map(<[f64]>::to_vec);
@@ -362,14 +362,14 @@ impl Pipeline {
         };
     }
 
-    /// The test for weak touches, from a baseline, its noise and the untouched differences of the tare.
+    /// The test for weak touches, from the mean of a tare, its noise and its differences from the mean.
     fn filter_of(
         &self,
-        baseline_ohm: &[f64],
+        rest_ohm: &[f64],
         noise_ohm: &[f64],
         untouched: &[Vec<f64>],
     ) -> Result<Arc<MatchedFilter>, PipelineError> {
-        let modes = modes_of(self.fitter.modes(), baseline_ohm);
+        let modes = modes_of(self.fitter.modes(), rest_ohm);
         Ok(Arc::new(MatchedFilter::new(self.methods.skin(), &modes, noise_ohm, untouched)?))
     }
 

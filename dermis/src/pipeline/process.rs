@@ -9,7 +9,7 @@ use crate::pipeline::frame::{FrameInput, Measurement, PipelineFrame};
 use crate::pipeline::health::{Health, Notice};
 use crate::pipeline::instrument::InstrumentMonitor;
 use crate::pipeline::novelty::NoveltyMonitor;
-use crate::pipeline::read::Outcome;
+use crate::pipeline::read::{Outcome, mask};
 use crate::pipeline::state::{MaskedTime, Phase, Reading};
 use crate::pipeline::statistics::{Statistics, difference};
 use crate::pipeline::tare::{self, Refusal, Tared};
@@ -168,7 +168,9 @@ impl Pipeline {
         let filter = self.filter_of(&statistics.mean, electrodes.noise_ohm(), &untouched)?;
         self.state.phase = Phase::Reading(Box::new(Reading {
             touch_detector: TouchDetector::of(&values, protocol, |difference, noise_ohm| {
-                filter.statistic(&filter.whitened(difference), noise_ohm, &self.masked)
+                let mut difference = difference.to_vec();
+                mask(&mut difference, &self.masked);
+                filter.statistic(&difference, &filter.whitened(&difference), noise_ohm, &self.masked)
             }),
             untouched,
             rest_ohm: statistics.mean.clone(),

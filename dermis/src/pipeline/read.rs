@@ -157,8 +157,10 @@ impl Pipeline {
 
     /// Takes drift without a touch into the baseline: there is no contact.
     fn drifted(&mut self, reading: &mut Reading, signal: &Signal<'_>, drift_ohm: &[f64], time: FrameTime) -> Outcome {
-        let baseline = reading.baseline.values_ohm_mut().iter_mut().zip(drift_ohm).zip(&signal.masked);
-        baseline.filter(|(_, masked)| !**masked).for_each(|((value, drift), _)| *value += drift);
+        reading.baseline.change(|values_ohm| {
+            let baseline = values_ohm.iter_mut().zip(drift_ohm).zip(&signal.masked);
+            baseline.filter(|(_, masked)| !**masked).for_each(|((value, drift), _)| *value += drift);
+        });
         reading.touch_detector.end_touch();
         self.state.tracker.clear();
         let text = "the skin has drifted under a touch: the drift is taken into the baseline";
@@ -303,12 +305,13 @@ impl Reading {
         let is_untouched = self.was_untouched();
         let mut blocked = marks.blocked.clone();
         topology.mark_channels_of(self.electrodes.hiding_touch(), &mut blocked);
-        let baseline_ohm = self.baseline.values_ohm_mut();
-        self.trials.update(&measurement.values_ohm, [&marks.masked, &blocked], is_untouched, baseline_ohm);
+        self.baseline.change(|values_ohm| {
+            self.trials.update(&measurement.values_ohm, [&marks.masked, &blocked], is_untouched, values_ohm);
+        });
     }
 
     /// The difference of a frame from the baseline, without masked channels. Where the frame is untouched by the baseline of before the
-    /// touch, and is not by the present one or is farther from it, that one is used again.
+    /// touch, and nearer to it than to the present one, that one is used again.
     fn signal<'a>(
         &mut self,
         measurement: &'a Measurement,
@@ -321,17 +324,17 @@ impl Reading {
             let mut difference = difference(&measurement.values_ohm, baseline_ohm);
             mask(&mut difference, &masked);
             let whitened = filter.whitened(&difference);
-            let statistic = filter.statistic(&whitened, self.electrodes.noise_ohm(), &masked);
+            let statistic = filter.statistic(&difference, &whitened, self.electrodes.noise_ohm(), &masked);
             (difference, whitened, statistic, self.touch_detector.exceeds(statistic))
         };
         let is_felt = |outputs: [f64; 2]| outputs.into_iter().any(|output| filter.exceeds(output, was_felt));
         let (mut difference, whitened, mut statistic, mut is_touched) = of(self.baseline.values_ohm());
         let mut outputs = filter.outputs(&whitened);
-        if let Some(before) = self.baseline.before_ohm().map(of).filter(|before| !before.3) {
+        let before_ohm = self.baseline.before_ohm().filter(|_| !is_most(&masked));
+        if let Some(before) = before_ohm.map(of).filter(|before| !before.3) {
             let of_before = filter.outputs(&before.1);
             let size = |difference: &[f64]| statistic_of(difference, self.electrodes.noise_ohm(), &masked);
-            let is_nearer = || is_touched || is_felt(outputs) || size(&before.0) < size(&difference);
-            if !is_felt(of_before) && is_nearer() {
+            if !is_felt(of_before) && size(&before.0) < size(&difference) {
                 ((difference, _, statistic, is_touched), outputs) = (before, of_before);
                 self.baseline.restore();
             }
@@ -341,6 +344,6 @@ impl Reading {
 }
 
 /// Sets the marked values to zero.
-fn mask(difference: &mut [f64], masked: &[bool]) {
+pub(super) fn mask(difference: &mut [f64], masked: &[bool]) {
     difference.iter_mut().zip(masked).filter(|(_, masked)| **masked).for_each(|(value, _)| *value = 0.0);
 }

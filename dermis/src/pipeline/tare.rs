@@ -17,9 +17,9 @@ use crate::stats::{rms, upper_median};
 const MOVED: f64 = 3.0;
 /// With more touched frames than this part of a tare, the median may be touched, too: the tare takes longer.
 const MAX_MOVED: f64 = 0.2;
-/// More frames than this part of a tare that are equal to the one before are those of an instrument that was frozen in some of it. By
-/// chance, where the noise is below a step of the converter, less than half are.
-const MAX_EQUAL: f64 = 0.8;
+/// Of an instrument that was frozen in a tare more frames in a row than this part of it are equal. By chance, where noise is far below
+/// a step of the converter, it takes a chance of 0.9 for two to be equal that so many of 100 are once in 100 tares.
+const MAX_EQUAL: f64 = 0.5;
 /// Frames beside a touched one are left out: a touch begins and ends in them.
 const BESIDE: usize = 2;
 /// After a refusal, this part of the frames is replaced by new ones.
@@ -97,10 +97,8 @@ pub(super) fn judge(
         }
         _ => {}
     }
-    let equal = values.windows(2).filter(|pair| pair[0] == pair[1]).count();
-    let tells_no_noise =
-        || ChannelNoise::of(&values, protocol).is_none_or(|noise| noise.source() == NoiseSource::Assumed);
-    if !is_forced && (equal as f64 > MAX_EQUAL * values.len() as f64 || tells_no_noise()) {
+    let mut equal = values.chunk_by(|a, b| a == b).map(<[_]>::len);
+    if !is_forced && equal.any(|count| count as f64 > MAX_EQUAL * values.len() as f64) {
         return Ok(Err((Refusal::Frozen, frames)));
     }
     let moved = moved(&values, &median, skin, &modes_of(modes, &median))?;
@@ -114,6 +112,12 @@ pub(super) fn judge(
         count > 0 && moved[near].contains(&true)
     };
     let is_near: Vec<bool> = (0..frames.len()).map(is_near_moved).collect();
+    let kept: Vec<&[f64]> =
+        values.iter().zip(&is_near).filter(|(_, is_near)| !**is_near).map(|(values, _)| *values).collect();
+    let tells_noise = ChannelNoise::of(&kept, protocol).is_some_and(|noise| noise.source() != NoiseSource::Assumed);
+    if !is_forced && !tells_noise {
+        return Ok(Err((Refusal::Frozen, frames)));
+    }
     let kept = frames.into_iter().zip(is_near).filter(|(_, is_near)| !is_near).map(|(frame, _)| frame);
     Ok(Ok(Tared { frames: kept.collect(), doubt: found }))
 }
@@ -222,7 +226,7 @@ mod tests {
         // It has frozen in the tare, or shows a touch and no noise.
         let frozen_from = |from: usize| move |index: usize, channel: usize| sound_at(index.min(from), channel);
         assert_eq!(refusal(&frozen_from(12), false), Some(Refusal::Frozen));
-        let touched = |index: usize, channel: usize| sound_at(index / 50, channel);
+        let touched = |index: usize, channel: usize| sound_at(index / 60, channel);
         assert_eq!(refusal(&touched, false), Some(Refusal::Frozen));
         let noise = |index: usize, channel: usize| sound[index].values_ohm[channel] - model[channel];
         assert!(matches!(refusal(&noise, false), Some(Refusal::Unlike(_))));
