@@ -167,6 +167,8 @@ mod tests {
         // FIPS 180-2, appendix B.1.
         let abc = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
         assert_eq!((manifest.files[0].sha256.as_str(), manifest.files[0].bytes), (abc, 3));
+        // One that is empty is as good as none.
+        std::fs::create_dir(&folder).unwrap();
         write_folder(&folder, false, &manifest, &files()).unwrap();
         assert_eq!(std::fs::read(folder.join("a/b.txt")).unwrap(), b"abc");
         let error = write_folder(&folder, false, &manifest, &files()).unwrap_err();

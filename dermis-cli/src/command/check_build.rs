@@ -39,7 +39,7 @@ pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
     /// Frames of the untouched skin, one per row (CSV, NPY or NPZ; ohm, or see --unit), in place of a --source.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["SourceArguments", "EmulatorArguments", "take"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["source", "rate", "EmulatorArguments", "take"])]
     frames: Option<PathBuf>,
     #[arg(long, value_name = "FILE", requires = "frames", help = CURRENTS_HELP)]
     currents: Option<PathBuf>,

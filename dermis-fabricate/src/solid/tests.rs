@@ -46,6 +46,21 @@ fn flat_bases_and_flanges_have_their_volume() {
     assert!(made.electrodes.iter().all(|electrode| electrode.bore.moved_m == 0.0));
 }
 
+/// A plate of a polygon has no edge that its wall could follow: it ends across the surface.
+#[test]
+fn the_base_of_a_polygon_has_its_volume() {
+    let text = "[body.polygon]\ncorners_m = [[0, 0], [0.2, 0], [0.2, 0.05], [0.1, 0.05], [0.1, 0.15], [0, 0.15]]\n\
+        [sheet]\nsheet_resistance_ohm = 1000.0\ntouch = \"conductance_rises\"\n\
+        [electrodes]\nshape.disc.radius_m = 0.004\ncontact_impedance_ohm_m2 = 2e-5\n\
+        layout.positions = [{ x_m = 0.03, y_m = 0.02 }, { x_m = 0.17, y_m = 0.02 }, { x_m = 0.03, y_m = 0.12 },\n\
+        { x_m = 0.07, y_m = 0.08 }]\n[protocol]\npattern = \"adjacent\"\n";
+    let made = fabrication(text, "channel_depth_m = 0.0");
+    let solid = base(&made).unwrap();
+    assert_eq!((solid.genus(), solid.is_closed()), (4, true));
+    let expected = 5.0 * (200.0 * 50.0 + 100.0 * 100.0 - 4.0 * PI * 1.5f64.powi(2));
+    assert!((solid.volume_mm3() / expected - 1.0).abs() < 1e-4, "{} {expected}", solid.volume_mm3());
+}
+
 #[test]
 fn channels_leave_the_genus_and_take_their_volume() {
     for name in ["cylinder30", "skin16"] {

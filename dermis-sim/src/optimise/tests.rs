@@ -119,6 +119,15 @@ fn a_bad_layout_becomes_better_and_obeys_the_rules() {
     }
 }
 
+#[test]
+fn arcs_keep_no_distance_from_the_edge() {
+    let options =
+        OptimiseOptions { rules: PlaceRules { edge_m: 0.005, ..PlaceRules::default() }, ..OptimiseOptions::default() };
+    let options = SearchOptions { optimise: options, ..SearchOptions::default() };
+    let refused = optimise("skin16", &twin(), &options, "unwritten.toml".as_ref(), || ()).unwrap_err();
+    assert!(refused.to_string().contains("arcs lie on the edge"), "{refused}");
+}
+
 /// A map of the bounds needs a value for each pixel.
 #[test]
 fn a_pixel_under_an_electrode_has_no_bound_and_keeps_its_place() {

@@ -404,6 +404,19 @@ mod tests {
             triangles(mesh)[2][2] = 5;
         });
         assert!(torn.contains("where nodes 4 and 5 lie at one place"), "{torn}");
+        // A gap of a micrometre, as of a body whose faces were written one by one, and one that a knife can cut.
+        let gap = |width_m: f64| {
+            move |mesh: &mut Mesh| {
+                let [x, y, z] = mesh.nodes[4];
+                mesh.nodes.push([x, y + width_m, z]);
+                triangles(mesh)[2][2] = 5;
+            }
+        };
+        let cracked = complaint(gap(1e-6));
+        assert!(cracked.contains("where nodes 4 and 5 lie 1.00e-6 m apart"), "{cracked}");
+        let mut cut = square();
+        gap(1e-4)(&mut cut);
+        assert!(!cut.validate().is_err_and(|error| error.to_string().contains("torn")));
         let fin = complaint(|mesh| {
             mesh.nodes.push([0.5, 0.5, 1.0]);
             triangles(mesh).push([0, 4, 5]);

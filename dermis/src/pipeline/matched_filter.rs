@@ -173,6 +173,7 @@ impl WithSimd for Products<'_> {
 mod tests {
     use super::*;
     use crate::pipeline::drift::DriftFitter;
+    use crate::pipeline::touch_detector::TouchDetector;
     use dermis_sim::random::{sample_rng, standard_normal};
 
     #[test]
@@ -192,7 +193,7 @@ mod tests {
         };
         let untouched: Vec<Vec<f64>> = (0..100).map(|_| noise()).collect();
         let filter = MatchedFilter::new(&skin, fitter.modes(), &sd_ohm, &untouched).unwrap();
-        let feels = |difference: &[f64]| filter.exceeds(filter.outputs(difference)[0], false);
+        let feels = |difference: &[f64]| filter.exceeds(filter.outputs(&filter.whitened(difference))[0], false);
         assert!((0..5000).all(|_| !feels(&noise())));
         let plus = |noise: Vec<f64>, of: &dyn Fn(usize) -> f64| -> Vec<f64> {
             noise.into_iter().enumerate().map(|(channel, value)| value + of(channel)).collect()
@@ -211,8 +212,19 @@ mod tests {
         }
         // At an electrode a touch is much like a change of the contact.
         assert!(felt >= 13, "{felt} of 15");
+        let statistic = |difference: &[f64]| {
+            filter.statistic(difference, &filter.whitened(difference), &sd_ohm, &vec![false; count])
+        };
+        let untouched: Vec<f64> = untouched.iter().map(|difference| statistic(difference)).collect();
+        let detector = TouchDetector::new(&untouched);
+        let exceeds = |difference: &[f64]| detector.exceeds(statistic(difference));
         for part in [0.003, 0.02] {
-            assert!(!feels(&plus(noise(), &|channel| part * linear.rest_frame[channel])));
+            let drifted = plus(noise(), &|channel| part * linear.rest_frame[channel]);
+            assert!(!feels(&drifted) && !exceeds(&drifted), "{part}");
         }
+        // A bad reading, and a touch of 60 deviations.
+        assert!(!exceeds(&plus(noise(), &|channel| if channel == 7 { 1000.0 * sd_ohm[7] } else { 0.0 })));
+        let square: f64 = (0..count).map(|c| (linear.jacobian.at(c, 400) / sd_ohm[c]).powi(2)).sum();
+        assert!(exceeds(&plus(noise(), &|channel| 60.0 / square.sqrt() * linear.jacobian.at(channel, 400))));
     }
 }
