@@ -18,6 +18,8 @@ const SPREAD: DriftSpread = DriftSpread { sheet: 0.03, gradient: 0.03, contact: 
 
 /// The mode of the sheet as a whole.
 const WHOLE: usize = 0;
+/// The first modes, which are those of the sheet: as a whole, and along each axis.
+pub(super) const OF_SHEET: usize = 4;
 
 /// A drift mode of a skin whose untouched frame was measured, ohm. Drift of the whole sheet changes all measured values by the
 /// same part; how the skin differs from its model does not matter to it.

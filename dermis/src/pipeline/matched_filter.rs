@@ -21,7 +21,7 @@ const ERRORS: f64 = 2.0;
 const MEDIAN_ERROR: f64 = 1.17;
 /// The standard deviation of a normal distribution over the median of its absolute values.
 const NORMAL_MEDIAN: f64 = 1.4826;
-/// With fewer distinct values for each mode of drift, as of a few electrodes, a touch is much like drift.
+/// With fewer distinct values for each mode of the sheet, as of a few electrodes, a touch is much like drift.
 const VALUES_PER_MODE: usize = 3;
 /// A touch ends below this fraction of the threshold.
 const RELEASE: f64 = 0.6;
@@ -40,23 +40,31 @@ pub(super) struct MatchedFilter {
     table: Vec<f32>,
     width: usize,
     whitening: Whitening,
-    /// Whether the channels tell more than drift.
-    tells_drift: bool,
+    /// Of the sheet alone, if the channels tell more than that.
+    sheet: Option<Whitening>,
     over_noise: Vec<f64>,
     threshold: f64,
 }
 
 impl MatchedFilter {
-    /// For noise, drift by its modes (modes x channels, ohm) and the untouched differences that they were measured in.
+    /// For noise, drift by its modes (modes x channels, ohm), of which the first `of_sheet` are those of the sheet, and the untouched
+    /// differences that they were measured in.
     ///
     /// # Errors
     /// A skin whose forward problem cannot be solved.
-    pub(super) fn new(skin: &Skin, modes: &Matrix, noise_ohm: &[f64], untouched: &[Vec<f64>]) -> crate::Result<Self> {
+    pub(super) fn new(
+        skin: &Skin,
+        modes: &Matrix,
+        of_sheet: usize,
+        noise_ohm: &[f64],
+        untouched: &[Vec<f64>],
+    ) -> crate::Result<Self> {
         let jacobian = &skin.linearised()?.jacobian;
         let sign = skin.design().sheet.touch.sign();
         let is_usable = |sd: &f64| sd.is_finite() && *sd > 0.0;
         let over_noise: Vec<f64> = noise_ohm.iter().map(|sd| if is_usable(sd) { 1.0 / sd } else { 0.0 }).collect();
-        let whitening = Whitening::new((0..modes.rows).map(|mode| times(modes.row(mode), &over_noise)));
+        let by = |modes_used: usize| Whitening::new((0..modes_used).map(|mode| times(modes.row(mode), &over_noise)));
+        let whitening = by(modes.rows);
         let places = (0..jacobian.columns).step_by(jacobian.columns.div_ceil(MAX_PLACES));
         let values = places.clone().flat_map(|place| (0..jacobian.rows).map(move |row| sign * jacobian.at(row, place)));
         let changes = Matrix { rows: places.len(), columns: jacobian.rows, values: values.collect() };
@@ -70,9 +78,9 @@ impl MatchedFilter {
             table.extend(of_distinct.row(place).iter().map(|value| (value / norm) as f32));
             table.resize(table.len().next_multiple_of(width), 0.0);
         }
-        let tells_drift = of_distinct.columns >= VALUES_PER_MODE * modes.rows;
+        let sheet = (of_distinct.columns >= VALUES_PER_MODE * of_sheet).then(|| by(of_sheet));
         let mut filter =
-            MatchedFilter { distinct, table, width, whitening, tells_drift, over_noise, threshold: f64::INFINITY };
+            MatchedFilter { distinct, table, width, whitening, sheet, over_noise, threshold: f64::INFINITY };
         filter.measure(untouched);
         Ok(filter)
     }
@@ -104,16 +112,18 @@ impl MatchedFilter {
         values
     }
 
-    /// The statistic of the [touch detector](super::touch_detector::TouchDetector) for a difference, ohm, and the same whitened: the
-    /// smaller one of both. Drift is in the first alone; a single bad reading, which is bounded there, is in all values of the second.
-    pub(super) fn statistic(&self, difference: &[f64], whitened: &[f64], noise_ohm: &[f64], masked: &[bool]) -> f64 {
-        let of_difference = statistic(difference, noise_ohm, masked);
-        if !self.tells_drift {
-            return of_difference;
+    /// The statistic of the [touch detector](super::touch_detector::TouchDetector) for a difference, ohm, with drift of the sheet and
+    /// without it, whichever is smaller: a single bad reading is bounded in the first, and in all values of the second.
+    pub(super) fn statistic(&self, difference: &[f64], noise_ohm: &[f64], masked: &[bool]) -> f64 {
+        let with_drift = statistic(difference, noise_ohm, masked);
+        let Some(sheet) = &self.sheet else { return with_drift };
+        let mut values = times(difference, &self.over_noise);
+        sheet.apply(&mut values);
+        for (value, over_noise) in values.iter_mut().zip(&self.over_noise).filter(|(_, over_noise)| **over_noise > 0.0)
+        {
+            *value /= over_noise;
         }
-        let value = |(value, over): (&f64, &f64)| if *over > 0.0 { value / over } else { 0.0 };
-        let without_drift: Vec<f64> = whitened.iter().zip(&self.over_noise).map(value).collect();
-        of_difference.min(statistic(&without_drift, noise_ohm, masked))
+        with_drift.min(statistic(&values, noise_ohm, masked))
     }
 
     /// The product of a whitened difference with each place.
@@ -172,7 +182,7 @@ impl WithSimd for Products<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::drift::DriftFitter;
+    use crate::pipeline::drift::{DriftFitter, OF_SHEET};
     use crate::pipeline::touch_detector::TouchDetector;
     use dermis_sim::random::{sample_rng, standard_normal};
 
@@ -192,7 +202,7 @@ mod tests {
             (0..count).map(value).collect()
         };
         let untouched: Vec<Vec<f64>> = (0..100).map(|_| noise()).collect();
-        let filter = MatchedFilter::new(&skin, fitter.modes(), &sd_ohm, &untouched).unwrap();
+        let filter = MatchedFilter::new(&skin, fitter.modes(), OF_SHEET, &sd_ohm, &untouched).unwrap();
         let feels = |difference: &[f64]| filter.exceeds(filter.outputs(&filter.whitened(difference))[0], false);
         assert!((0..5000).all(|_| !feels(&noise())));
         let plus = |noise: Vec<f64>, of: &dyn Fn(usize) -> f64| -> Vec<f64> {
@@ -212,9 +222,7 @@ mod tests {
         }
         // At an electrode a touch is much like a change of the contact.
         assert!(felt >= 13, "{felt} of 15");
-        let statistic = |difference: &[f64]| {
-            filter.statistic(difference, &filter.whitened(difference), &sd_ohm, &vec![false; count])
-        };
+        let statistic = |difference: &[f64]| filter.statistic(difference, &sd_ohm, &vec![false; count]);
         let untouched: Vec<f64> = untouched.iter().map(|difference| statistic(difference)).collect();
         let detector = TouchDetector::new(&untouched);
         let exceeds = |difference: &[f64]| detector.exceeds(statistic(difference));

@@ -91,7 +91,7 @@ use crate::estimate::reciprocal_pairs::ReciprocalPairs;
 use crate::image::Image;
 use crate::method::{Method, MethodSet};
 use crate::pipeline::common_mode::CommonMode;
-use crate::pipeline::drift::{DriftFitter, modes_of};
+use crate::pipeline::drift::{DriftFitter, OF_SHEET, modes_of};
 use crate::pipeline::electrodes::ElectrodeTopology;
 use crate::pipeline::matched_filter::MatchedFilter;
 use crate::pipeline::reports::Reports;
@@ -370,7 +370,9 @@ impl Pipeline {
         untouched: &[Vec<f64>],
     ) -> Result<Arc<MatchedFilter>, PipelineError> {
         let modes = modes_of(self.fitter.modes(), rest_ohm);
-        Ok(Arc::new(MatchedFilter::new(self.methods.skin(), &modes, noise_ohm, untouched)?))
+        // Of a skin that is unlike its model only the drift of all values alike is known.
+        let of_sheet = if self.state.settings.force_tare { 1 } else { OF_SHEET };
+        Ok(Arc::new(MatchedFilter::new(self.methods.skin(), &modes, of_sheet, noise_ohm, untouched)?))
     }
 
     /// Measures the noise of the method's images, from the frames of the tare.

@@ -170,7 +170,7 @@ impl Pipeline {
             touch_detector: TouchDetector::of(&values, protocol, |difference, noise_ohm| {
                 let mut difference = difference.to_vec();
                 mask(&mut difference, &self.masked);
-                filter.statistic(&difference, &filter.whitened(&difference), noise_ohm, &self.masked)
+                filter.statistic(&difference, noise_ohm, &self.masked)
             }),
             untouched,
             rest_ohm: statistics.mean.clone(),

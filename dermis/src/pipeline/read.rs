@@ -324,7 +324,7 @@ impl Reading {
             let mut difference = difference(&measurement.values_ohm, baseline_ohm);
             mask(&mut difference, &masked);
             let whitened = filter.whitened(&difference);
-            let statistic = filter.statistic(&difference, &whitened, self.electrodes.noise_ohm(), &masked);
+            let statistic = filter.statistic(&difference, self.electrodes.noise_ohm(), &masked);
             (difference, whitened, statistic, self.touch_detector.exceeds(statistic))
         };
         let is_felt = |outputs: [f64; 2]| outputs.into_iter().any(|output| filter.exceeds(output, was_felt));

@@ -4,7 +4,7 @@ use crate::estimate::noise::{ChannelNoise, NoiseSource};
 use crate::finding::{Finding, FindingKind};
 use crate::forward::Matrix;
 use crate::frame::Frame;
-use crate::pipeline::drift::modes_of;
+use crate::pipeline::drift::{OF_SHEET, modes_of};
 use crate::pipeline::frame::Measurement;
 use crate::pipeline::matched_filter::MatchedFilter;
 use crate::pipeline::touch_detector::statistic;
@@ -141,7 +141,7 @@ fn moved(values: &[&[f64]], median: &Frame, skin: &Skin, modes: &Matrix) -> crat
     let Some(noise) = noise.filter(|noise| noise.source() == NoiseSource::Scatter) else {
         return Ok(vec![false; values.len()]);
     };
-    let filter = MatchedFilter::new(skin, modes, noise.sd_ohm(), &steps)?;
+    let filter = MatchedFilter::new(skin, modes, OF_SHEET, noise.sd_ohm(), &steps)?;
     let unmasked = vec![false; median.len()];
     let square = |values: &[f64]| statistic(values, noise.sd_ohm(), &unmasked);
     let usual = upper_median(&steps.iter().map(|step| square(step)).collect::<Vec<f64>>()).unwrap_or(0.0);
