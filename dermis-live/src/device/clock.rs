@@ -183,8 +183,12 @@ mod tests {
         for slower in [1.25, 2.0, 1000.0] {
             let late_s = late_s(|device_s| slower * device_s);
             let from = late_s.iter().rposition(|late_s| *late_s > 1e-3).unwrap() + 1;
-            // A fifth of a second is lost in each, and after another second it is set, twice.
-            assert!(from as f64 * 0.01 * slower < 12.1, "{slower}: late until {} s", from as f64 * 0.01 * slower);
+            // A fifth of a second is lost in each, and after another second it is set, twice; that takes four frames at least.
+            assert!(
+                from <= 4 || from as f64 * 0.01 * slower < 12.1,
+                "{slower}: late until {} s",
+                from as f64 * 0.01 * slower
+            );
             assert!(late_s.iter().all(|late_s| *late_s < 2.1 + 0.01 * slower));
         }
         // A good clock whose host was set twice is used again.

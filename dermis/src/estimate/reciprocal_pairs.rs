@@ -34,6 +34,8 @@ const USUAL_SD: f64 = 3.0;
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReciprocalPairs {
     pairs: Vec<Pair>,
+    /// Whether most pairs agree in the untouched frame: then they do in others, but for noise.
+    agree: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,7 +72,20 @@ impl ReciprocalPairs {
             let later = move |(other, _): &(usize, f64)| *other > own && is_usable(own) && is_usable(*other);
             reciprocal.into_iter().filter(later).map(move |(other, sign)| pair(own, other, sign))
         };
-        ReciprocalPairs { pairs: reciprocal(protocol).into_iter().enumerate().flat_map(of).collect() }
+        let pairs = reciprocal(protocol).into_iter().enumerate().flat_map(of).collect();
+        ReciprocalPairs { pairs, agree: false }
+    }
+
+    /// The same for a skin with this untouched frame, ohm: only where most reciprocal channels agree in it do they tell the noise of
+    /// others. Instruments that report amplitudes often break reciprocity.
+    ///
+    /// # Panics
+    /// If the frame has fewer values than there are channels.
+    #[must_use]
+    pub fn with_rest(self, rest_ohm: &[f64]) -> Self {
+        let changes = self.pairs.iter().filter_map(|pair| pair.changes(rest_ohm));
+        let unlike: Vec<f64> = changes.map(|[a, b]| (a - b).abs() / a.abs().max(b.abs())).collect();
+        ReciprocalPairs { agree: upper_median(&unlike).is_some_and(|unlike| unlike <= UNLIKE_PART), ..self }
     }
 
     /// A difference (ohm) without spikes. Of two reciprocal channels that contradict each other by more than noise, and by more
@@ -100,11 +115,15 @@ impl ReciprocalPairs {
     }
 
     /// The noise of a difference (ohm) over that of the channels, by the median disagreement of reciprocal channels: 1 unless it is
-    /// larger than chance, and what touches leave, make it. A touch or drift changes both alike.
+    /// larger than chance, and what touches leave, make it, and where the untouched frame is [not known](Self::with_rest) to agree. A
+    /// touch or drift changes both alike.
     ///
     /// # Panics
     /// If the difference has fewer values than there are channels.
     pub fn noise_ratio(&self, difference: &[f64]) -> f64 {
+        if !self.agree {
+            return 1.0;
+        }
         let beyond = |pair: &Pair| {
             let [own, other] = pair.changes(difference)?;
             Some(((own - other).abs() - UNLIKE_PART * own.abs().max(other.abs())) / pair.sd_ohm)
@@ -131,7 +150,10 @@ mod tests {
         let (protocol, rest) = (&design.protocol, model.rest_conductivity());
         let untouched = model.solve(rest).unwrap();
         let count = protocol.channel_count();
-        let pairs = ReciprocalPairs::new(protocol, &vec![1.0; count]);
+        let unknown = ReciprocalPairs::new(protocol, &vec![1.0; count]);
+        let pairs = unknown.clone().with_rest(&untouched);
+        let broken: Vec<f64> = (0..count).map(|channel| untouched[channel] * (1.0 + (channel % 5) as f64)).collect();
+        let broken = unknown.clone().with_rest(&broken);
         assert_eq!(pairs.pairs.len(), count / 2);
         let mut rng = sample_rng(3, 0);
         for cell in (0..rest.len()).step_by(rest.len() / 12) {
@@ -155,6 +177,8 @@ mod tests {
             // Where the touch is larger than the noise it hides a part of it.
             let [alone, beside] = [noise.iter().map(|value| 3.0 * value).collect(), with_noise(3.0)];
             let [alone, beside] = [alone, beside].map(|frame| pairs.noise_ratio(&frame));
+            let noisy: Vec<f64> = noise.iter().map(|value| 3.0 * value).collect();
+            assert_eq!([&unknown, &broken].map(|pairs| pairs.noise_ratio(&noisy)), [1.0; 2]);
             assert!((2.5..3.5).contains(&alone) && (1.0..3.5).contains(&beside), "{alone}, {beside}");
             // The channels of an instrument have gains of their own.
             let gain = |channel: usize| 1.0 + 0.03 * noise[(channel * 7) % count];

@@ -234,7 +234,10 @@ impl Method {
     pub fn detector(&self, untouched: &[Frame], protocol: &Protocol) -> Result<Detector, ReconstructError> {
         let detector = Detector::new(self.reconstruct.detection());
         match ChannelNoise::of(untouched, protocol) {
-            Some(noise) => self.with_noise(detector, &noise, untouched, protocol),
+            Some(noise) => {
+                let rest = crate::frame::mean(untouched);
+                self.with_noise(detector, &noise, untouched, rest.as_ref(), protocol)
+            }
             None => Ok(detector),
         }
     }
@@ -249,7 +252,7 @@ impl Method {
         let Some(noise) = ChannelNoise::of_differences(differences, protocol) else { return Ok(detector) };
         let is_doubtful = differences.is_doubtful || noise.source() == NoiseSource::Assumed;
         let detector = if is_doubtful { detector.with_doubt() } else { detector };
-        self.with_noise(detector, &noise, &differences.rest(), protocol)
+        self.with_noise(detector, &noise, &differences.rest(), differences.baseline.as_ref(), protocol)
     }
 
     /// A detector that knows the noise of the channels in its images and, if untouched frames scatter, spikes and noise of frames.
@@ -258,11 +261,16 @@ impl Method {
         detector: Detector,
         noise: &ChannelNoise,
         untouched: &[Frame],
+        rest: Option<&Frame>,
         protocol: &Protocol,
     ) -> Result<Detector, ReconstructError> {
         let detector = match noise.source() {
             NoiseSource::Scatter => {
-                detector.with_reciprocal_pairs(ReciprocalPairs::new(protocol, &noise.sd_of_difference_ohm()))
+                let pairs = ReciprocalPairs::new(protocol, &noise.sd_of_difference_ohm());
+                detector.with_reciprocal_pairs(match rest {
+                    Some(rest) => pairs.with_rest(rest),
+                    None => pairs,
+                })
             }
             NoiseSource::Reciprocity | NoiseSource::Frames | NoiseSource::Assumed => detector,
         };

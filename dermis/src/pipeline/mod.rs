@@ -354,7 +354,8 @@ impl Pipeline {
         }
         if let Phase::Reading(reading) = &self.state.phase {
             let protocol = &self.methods.skin().design().protocol;
-            detector = detector.with_reciprocal_pairs(ReciprocalPairs::new(protocol, reading.electrodes.noise_ohm()));
+            let pairs = ReciprocalPairs::new(protocol, reading.electrodes.noise_ohm());
+            detector = detector.with_reciprocal_pairs(pairs.with_rest(&reading.rest_ohm));
         }
         self.detector = match &self.noise {
             Some(noise) => detector.with_noise(noise.clone()),

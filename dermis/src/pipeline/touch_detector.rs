@@ -7,8 +7,9 @@ use serde::{Deserialize, Serialize};
 
 /// Detects touched frames by the size of their difference from the baseline.
 ///
-/// The statistic is the sum of squares of all differences in use, [without drift of the sheet](super::matched_filter::MatchedFilter::statistic), each divided by the
-/// standard deviation of its noise and limited. For untouched frames it has a scaled chi-squared distribution, as the noise of channels is not
+/// The statistic is the sum of squares of all differences in use, [without drift of the
+/// sheet](super::matched_filter::MatchedFilter::statistic), each divided by the standard deviation of its noise and
+/// limited. For untouched frames it has a scaled chi-squared distribution, as the noise of channels is not
 /// independent: its mean and variance are those of the tare's frames. A frame is touched if it exceeds the quantile
 /// that noise exceeds once in three million frames, seven hours at 120 frames per second (Wilson and Hilferty, 1931,
 /// DOI 10.1073/pnas.17.12.684).

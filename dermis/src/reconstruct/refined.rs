@@ -118,7 +118,8 @@ impl Refined {
         let factors: Vec<f64> = (0..sizes.len()).map(factor).collect();
         let sd_ohm: Vec<f64> = sd_ohm.iter().zip(&factors).map(|(sd, factor)| sd * factor.abs()).collect();
         let options = RefineOptions { misfit: self.options.misfit.max(MISFIT_AS_DESIGNED), ..self.options };
-        let refiner = Refiner::new(&self.design.body, &self.model, &sd_ohm, options)?;
+        let signed: Vec<f64> = rest.iter().zip(&factors).map(|(value, factor)| value * factor).collect();
+        let refiner = Refiner::new(&self.design.body, &self.model, &sd_ohm, options)?.with_rest(&signed);
         Ok(Refinement::Prepared(Arc::new(refiner), factors.into()))
     }
 

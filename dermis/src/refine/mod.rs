@@ -192,6 +192,13 @@ impl Refiner {
         Ok(Refiner { responses: Responses::new(body, model, noise_ohm, &options)?, options })
     }
 
+    /// The same for a skin with another untouched frame than that of the model, ohm.
+    #[must_use]
+    pub(crate) fn with_rest(mut self, rest_ohm: &[f64]) -> Self {
+        self.responses.set_rest(rest_ohm);
+        self
+    }
+
     /// Whether contacts can be refined on a skin.
     ///
     /// # Errors

@@ -127,7 +127,8 @@ impl Responses {
             sd_ohm,
             whitening: Whitening::default(),
             channel_count: noise_ohm.len(),
-            pairs: ReciprocalPairs::new(model.protocol(), noise_ohm),
+            pairs: ReciprocalPairs::new(model.protocol(), noise_ohm)
+                .with_rest(&model.solve(model.rest_conductivity())?),
             searched: Vec::new(),
             search_table: Vec::new(),
         };
@@ -250,6 +251,11 @@ impl Responses {
             }
         }
         found
+    }
+
+    /// Takes reciprocal channels as they agree in an untouched frame.
+    pub(super) fn set_rest(&mut self, rest_ohm: &[f64]) {
+        self.pairs = self.pairs.clone().with_rest(rest_ohm);
     }
 
     /// The noise of a difference over that of the responses, as far as reciprocal channels tell it.
