@@ -3,8 +3,8 @@
 //! Without a touch, the baseline follows the frame itself. During a touch it follows only the drift of the coating's
 //! conductance (as a whole and along each axis) and of each electrode's contact. Their amounts in a frame are fitted
 //! together with the touch (least squares with a prior variance for each), and only their change since the start of the
-//! touch counts, so that a long press does not fade. What the model of the skin does not know of a touch may be taken for drift: a frame
-//! that the baseline of before the touch explains is untouched, and that one is used again.
+//! touch counts, so that a long press does not fade. What the model of the skin does not know of a touch may be taken
+//! for drift: where the baseline of before the touch explains a frame, it is used again.
 
 use crate::forward::Matrix;
 use crate::geom::{Point3, Surface};
@@ -116,7 +116,9 @@ impl Baseline {
     /// Uses that of before the touch again.
     pub(super) fn restore(&mut self) {
         self.hold = None;
-        self.values_ohm = self.before_ohm.take().unwrap_or_else(|| std::mem::take(&mut self.values_ohm));
+        if let Some(before_ohm) = self.before_ohm.take() {
+            self.values_ohm = before_ohm;
+        }
     }
 
     /// Follows an untouched frame, except in masked channels.

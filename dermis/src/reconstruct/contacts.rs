@@ -72,10 +72,10 @@ impl dyn Reconstruct + '_ {
         Ok(with_signals(&image.space.surface, contacts, &detected, unseen))
     }
 
-    /// The noise of an image over that of untouched ones, from the noise of its difference. Without a matrix they may rise
-    /// faster: those of networks, which are trained to suppress noise. With twice, three and six times that of 50 dB, the root mean square of those of
-    /// the shipped ones is 7, 13 and 32 times as large.
-    pub(crate) fn image_noise_ratio(&self, difference: &[f64], detector: &Detector) -> f64 {
+    /// The noise of an image over that of untouched ones, from the noise of its difference. Images without a matrix may rise
+    /// faster, as those of networks, which are trained to suppress noise: with twice, three and six times that of 50 dB,
+    /// the root mean square of those of `spots` and `paper` is about 7, 12 and 30 times as large.
+    fn image_noise_ratio(&self, difference: &[f64], detector: &Detector) -> f64 {
         detector.noise_ratio(difference).powi(if self.matrix().is_some() { 1 } else { 2 })
     }
 
