@@ -136,9 +136,15 @@ fn the_low_rank_update_equals_the_direct_solve() {
 /// Most time of a frame with the table over that of one without it.
 const MAX_OF_TIME: f64 = 0.6;
 
-/// The limit is a ratio of two times measured in turns: absolute times depend on the machine and on what else runs on it.
+/// The limit is a ratio of the shortest times of two that are measured in turns, on a thread that takes no work of other
+/// tests: other times depend on what else runs on the machine.
 #[test]
 fn a_frame_costs_little() {
+    let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
+    alone.install(the_table_saves_time);
+}
+
+fn the_table_saves_time() {
     let start = Instant::now();
     let skin = patched(&lab(), MOMENT_DEGREE);
     println!("skin: {:.2} s", start.elapsed().as_secs_f64());
@@ -163,7 +169,7 @@ fn a_frame_costs_little() {
         measure();
         let runs: Vec<[f64; 3]> = (0..21).map(|_| measure()).collect();
         let [contacts, table, without] =
-            [0, 1, 2].map(|which: usize| median(runs.iter().map(|run| run[which]).collect()));
+            [0, 1, 2].map(|which: usize| runs.iter().map(|run| run[which]).fold(f64::INFINITY, f64::min));
         println!(
             "{} presses, {patches} patches: frame {table:.2} ms (contacts {contacts:.2} ms), without a table {without:.2} ms",
             presses.len()
