@@ -150,12 +150,10 @@ impl Calibration {
         self.realignment.complete(values)
     }
 
-    /// The force of a located press and its standard deviation, N; `NaN` where forces were not calibrated.
+    /// The force of a located press and its standard deviation, N; `NaN` where forces were not calibrated. The deviation alone
+    /// is `NaN` where the force is a bound, beyond those of the labels.
     pub fn force_n(&self, located: &Located) -> [f64; 2] {
-        self.locator.force_law().map_or([f64::NAN; 2], |law| {
-            let force_n = law.force_n(located.amplitude);
-            [force_n, law.relative_sd * force_n]
-        })
+        self.locator.force_law().map_or([f64::NAN; 2], |law| law.force_n(located.amplitude))
     }
 
     /// Why the forces of its labels are not used; `None` where they are, or where no label has one.

@@ -6,7 +6,7 @@ use crate::gaussian_process::{GaussianProcess, Group, Input};
 use crate::located::{REGION_SHARE, limit};
 use crate::matching;
 use crate::strength::{
-    ForceLaw, UnusedForces, force_range, has_force, ratio_spread, relative_deviation, relative_error,
+    ForceLaw, UnusedForces, force_range, force_within, has_force, ratio_spread, relative_deviation, relative_error,
 };
 use dermis::contact::Contact;
 use dermis::detect::Detector;
@@ -255,9 +255,8 @@ impl Correction {
                     true => force.several.predict(&several_input(contact)),
                     false => force.single.predict(&single_input(contact, difference)),
                 };
-                contact.force_n = log.clamp(force.range[0], force.range[1]).exp();
                 let relative_sd = force.relative_sd * less_certain(contact.sd_m, force.usual_sd_m);
-                contact.force_sd_n = relative_sd * contact.force_n;
+                [contact.force_n, contact.force_sd_n] = force_within(log, force.range, relative_sd);
             }
             if let Some(shift_m) = &self.shift_m {
                 let place = Input { position_m: contact.position_m, features: Vec::new() };

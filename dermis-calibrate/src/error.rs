@@ -128,6 +128,9 @@ impl CalibrateError {
     /// What to do, where the message does not say it.
     pub fn fix(&self) -> Option<&'static str> {
         match self {
+            CalibrateError::NotOnePress { touches: 0, .. } => {
+                Some("give a row for each frame, or leave the frames without one out: --rows selects frames")
+            }
             CalibrateError::NotOnePress { .. } => Some("give frames with one press each"),
             CalibrateError::OtherFrame { .. } => Some("give a truth in the same coordinates as the labels"),
             CalibrateError::CorrectionFrame { .. } => Some("name the columns of --truth in its first row"),

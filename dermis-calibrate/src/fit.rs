@@ -292,7 +292,7 @@ impl Validation {
     /// The logarithms of the estimated over the true forces.
     fn log_force_ratios(&self, labels: &[Label], law: Option<&ForceLaw>) -> Option<Vec<f64>> {
         let law = law?;
-        let ratio = |(located, label): (&Located, &Label)| (law.force_n(located.amplitude) / label.force_n).ln();
+        let ratio = |(located, label): (&Located, &Label)| (law.force_n(located.amplitude)[0] / label.force_n).ln();
         Some(self.located.iter().zip(labels).map(ratio).collect())
     }
 

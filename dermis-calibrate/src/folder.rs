@@ -162,6 +162,7 @@ impl Fitted {
 
 /// Creates a folder. One that held a calibration holds none until its card is written again.
 fn begin(folder: &Path) -> Result<(), CalibrateError> {
+    check_folder(folder)?;
     let io = |path: &Path, source| CalibrateError::Io { path: path.to_path_buf(), source };
     std::fs::create_dir_all(folder).map_err(|source| io(folder, source))?;
     for card in [CARD, CORRECTION].map(|name| folder.join(name)) {
@@ -171,6 +172,19 @@ fn begin(folder: &Path) -> Result<(), CalibrateError> {
         }
     }
     Ok(())
+}
+
+/// The file by which a folder is known to be a network.
+const NETWORK: &str = "card.json";
+
+/// Refuses the folder of a network, which would be two methods then.
+pub(crate) fn check_folder(folder: &Path) -> Result<(), CalibrateError> {
+    let path = folder.join(NETWORK);
+    if !path.exists() {
+        return Ok(());
+    }
+    let message = "the folder is that of a network: write the calibration to another one".into();
+    Err(CalibrateError::File { path, message })
 }
 
 /// Reads the card of a design, of this version.

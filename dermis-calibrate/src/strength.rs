@@ -165,9 +165,9 @@ impl ForceLaw {
         (self.exponent * (force_n.ln() - self.mean_log_force)).exp()
     }
 
-    /// The force of a press, N.
-    pub(crate) fn force_n(&self, amplitude: f64) -> f64 {
-        (self.mean_log_force + amplitude.ln() / self.exponent).clamp(self.range[0], self.range[1]).exp()
+    /// The force of a press and its standard deviation, N.
+    pub(crate) fn force_n(&self, amplitude: f64) -> [f64; 2] {
+        force_within(self.mean_log_force + amplitude.ln() / self.exponent, self.range, self.relative_sd)
     }
 
     /// Sets the relative deviation from labels that the map had not seen.
@@ -181,6 +181,12 @@ pub(crate) fn force_range(log_forces: &[f64]) -> [f64; 2] {
     let lowest = log_forces.iter().copied().fold(f64::INFINITY, f64::min);
     let highest = log_forces.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     [lowest - Forces::EXTRAPOLATION.ln(), highest + Forces::EXTRAPOLATION.ln()]
+}
+
+/// The force of a logarithm and its standard deviation, N. Beyond the range it is a bound, whose deviation is `NaN`.
+pub(crate) fn force_within(log: f64, [lowest, highest]: [f64; 2], relative_sd: f64) -> [f64; 2] {
+    let force_n = log.clamp(lowest, highest).exp();
+    [force_n, if (lowest..=highest).contains(&log) { relative_sd * force_n } else { f64::NAN }]
 }
 
 /// The mean relative error of forces, from the logarithms of the estimated over the true ones.
@@ -235,8 +241,12 @@ mod tests {
         let amplitudes: Vec<f64> = forces.iter().map(|force| 0.3 * force.powf(0.7)).collect();
         let law = ForceLaw::fit(&labels(&forces), &amplitudes).unwrap();
         assert!((law.exponent - 0.7).abs() < 1e-9);
-        assert!((law.force_n(law.amplitude(2.5)) - 2.5).abs() < 1e-9);
+        assert!((law.force_n(law.amplitude(2.5))[0] - 2.5).abs() < 1e-9);
         assert!((law.amplitude(4.0) / law.amplitude(2.0) - 2.0_f64.powf(0.7)).abs() < 1e-9);
+        // The labels reach to 4.9 N, and half as much again is known.
+        assert!(law.force_n(law.amplitude(7.0))[1].is_finite());
+        let [bound_n, sd_n] = law.force_n(law.amplitude(70.0));
+        assert!((bound_n - 1.5 * 4.9).abs() < 1e-9 && sd_n.is_nan());
     }
 
     #[test]

@@ -241,7 +241,10 @@ impl MethodArguments {
             Some(path) if path.as_os_str() == MEASURED => {
                 let noise = ChannelNoise::of_differences(differences, &skin.design().protocol).ok_or_else(|| {
                     let message = "--channel-noise measured needs untouched frames";
-                    Failure::given(message, Some("give them with --baseline"))
+                    Failure::given(
+                        message,
+                        Some("give a file of standard deviations where a command has no --baseline"),
+                    )
                 })?;
                 Ok(noise.sd_ohm().to_vec())
             }

@@ -55,6 +55,22 @@ fn a_sound_recording_has_no_findings_and_a_page() {
     assert!(json["untouched_cosine"].as_f64().unwrap() > 0.999);
 }
 
+/// What `contacts` refuses is a finding: frames in another unit than their baseline, or with its signs turned.
+#[test]
+fn frames_unlike_their_baseline_are_a_finding() {
+    let at = recorded();
+    let frames = rows(&at, "frames.csv");
+    for factor in [0.1, 1000.0, -1.0] {
+        let other: Vec<Vec<f64>> = frames.iter().map(|row| row.iter().map(|value| factor * value).collect()).collect();
+        write_rows(&at, "other.csv", &other);
+        let json = at.json("check-frames disk.toml --frames other.csv --baseline rest.csv --json");
+        let found = &json["findings"][0];
+        assert_eq!(found["severity"], "error", "{factor}: {json}");
+        assert!(found["evidence"].as_str().unwrap().contains("baseline"), "{factor}: {found}");
+        at.refused("contacts disk.toml --frames other.csv --baseline rest.csv --method noser -o c.csv");
+    }
+}
+
 #[test]
 fn late_channels_are_named_and_mended() {
     let at = recorded();

@@ -98,7 +98,7 @@ fn a_skin_is_made_around_a_link() {
         ("new link arm.urdf", "needs a robot description and the link"),
         ("new link arm.urdf lower_amr", "did you mean `lower_arm`?"),
         ("new link arm.urdf bare", "the mesh `none.stl` is not found"),
-        ("new link arm.urdf empty", "has no mesh with triangles for collision"),
+        ("new link arm.urdf empty", "has no mesh, box, cylinder or sphere for collision"),
         ("new link arm.urdf lower_arm --along z:0.5..0.9", "is not on the link"),
         ("new link arm.urdf lower_arm --along q:0.1..0.2", "write AXIS:FROM..TO"),
         ("new link arm.urdf lower_arm --around 0..359.9", "mm wide"),

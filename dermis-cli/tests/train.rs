@@ -104,5 +104,10 @@ fn what_cannot_be_learned_from_is_refused_and_a_good_checkpoint_stays() {
     // Other training options and another network do not resume from this checkpoint.
     assert!(refused("disk.toml --data data --epochs 2 --rate 0.01 -o model").contains("checkpoint"));
     assert!(refused("disk.toml --data data --epochs 1 --network spots -o model").contains("checkpoint"));
+    assert!(refused("disk.toml --data data --epochs 2 --noise harsh -o model").contains("checkpoint"));
+    // Samples of another skin on the same mesh.
+    at.write("other.toml", DISK.replace("[protocol]", "[protocol]\namplitude_only = true"));
+    let said = refused("other.toml --data data --epochs 1 -o other");
+    assert!(said.contains("another [protocol]"), "{said}");
     assert!(std::fs::read(at.path("model/checkpoint.safetensors")).unwrap() == checkpoint);
 }

@@ -2,7 +2,7 @@
 
 use crate::arrays::{self, Column, Rows};
 use crate::failure::{Failure, Outcome};
-use crate::method::{IN_MEMORY, Method, doubt};
+use crate::method::{IN_MEMORY, Method, differences, doubt};
 use crate::skin::Skin;
 use crate::worker;
 use dermis::frame::Differences;
@@ -69,7 +69,8 @@ impl Calibration {
         if let Some(reason) = alternatives.reason(&fitted) {
             doubt(py, &reason, Alternatives::FIX, !force)?;
         }
-        if let Some(reason) = fitted.doubt() {
+        let unused = fitted.unused_forces(&labels).map(|why| format!("forces are not used: {why}"));
+        for reason in fitted.doubt().into_iter().chain(unused) {
             py.import("warnings")?.call_method1("warn", (reason,))?;
         }
         Ok(Calibration { skin: skin.clone(), fitted })
@@ -106,13 +107,14 @@ impl Calibration {
     }
 
     #[doc = stub_doc!(Calibration.locate)]
-    #[pyo3(signature = (frames, baseline=None, *, first=0))]
+    #[pyo3(signature = (frames, baseline=None, *, first=0, force=false))]
     fn locate<'py>(
         &self,
         py: Python<'py>,
         frames: &Bound<'py, PyAny>,
         baseline: Option<&Bound<'py, PyAny>>,
         first: usize,
+        force: bool,
     ) -> Outcome<Bound<'py, PyDict>> {
         let Fitted::ForwardMap(map) = &self.fitted else {
             let message = format!("a correction of {} does not locate a press in every frame", self.name());
@@ -121,8 +123,7 @@ impl Calibration {
         if first > 1 << 53 {
             return Err(Failure::with_hint(format!("`first` is {first}"), "give the number of a press"));
         }
-        let channels = self.skin.skin().design().protocol.channel_count();
-        let (differences, _) = arrays::differences(frames, baseline, channels)?;
+        let (differences, _) = differences(py, &self.skin, frames, baseline, force)?;
         let located = worker::run(py, "locating", 1, |_| Ok(map.locate(&differences.frames, first)?))?;
         let column = |of: &dyn Fn(&Located) -> f64| PyArray1::from_iter(py, located.iter().map(of));
         let forces: Vec<f64> = located.iter().flat_map(|located| map.force_n(located)).collect();

@@ -77,8 +77,13 @@ pub fn truth(given: &Bound<'_, PyAny>, skin: &Skin, frame_count: usize) -> Outco
     if let Some(bad) = positions.iter().find(|position| position.iter().any(|value| !value.is_finite())) {
         return Err(Failure::given(format!("`truth` has {bad:?}: positions are finite")));
     }
-    let force_n = Column::of(named("force_n")?.as_ref(), "truth.force_n", positions.len(), f64::NAN)?;
     let surface = skin.design().body.surface();
+    let limits = skin.mesh().place_limits(skin.design().body.surface());
+    for &position_m in positions {
+        let refused = |why| Failure::with_hint(format!("`truth`: {why}"), "positions are in metres, on the skin");
+        limits.check(position_m).map_err(refused)?;
+    }
+    let force_n = Column::of(named("force_n")?.as_ref(), "truth.force_n", positions.len(), f64::NAN)?;
     let mut touches = vec![Vec::new(); frame_count];
     for (index, (&position_m, frame)) in positions.iter().zip(frames).enumerate() {
         let normal = surface.normal(position_m).unwrap_or([f64::NAN; 3]);

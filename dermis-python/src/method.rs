@@ -78,6 +78,14 @@ pub fn differences(
     let skin = skin.skin();
     let protocol = &skin.design().protocol;
     let (mut differences, is_single) = arrays::differences(frames, baseline, protocol.channel_count())?;
+    for (frame, values) in differences.frames.iter().enumerate() {
+        let is_rest_finite = |channel: usize| differences.baseline.as_ref().is_none_or(|rest| rest[channel].is_finite());
+        let is_wrong = |&channel: &usize| !values[channel].is_finite() && is_rest_finite(channel);
+        if let Some(channel) = (0..values.len()).find(is_wrong) {
+            let message = format!("frame {frame}, channel {channel} is {}", values[channel]);
+            return Err(Failure::with_hint(message, "leave the frame out, or give the channel a number"));
+        }
+    }
     let model = skin.untouched().map_err(Failure::given)?;
     let broken = broken_channels(&differences.untouched);
     let found = Plausibility::new(protocol, model, &broken).of(&differences, skin).map_err(Failure::given)?;

@@ -122,10 +122,11 @@ pub struct Pipeline {
     skin: skin::Skin,
 }
 
-/// A pipeline and the number of its next frame.
+/// A pipeline, and the number of its next frame and the time of the last one.
 struct Feed {
     pipeline: pipeline::Pipeline,
     next: u64,
+    last: Timestamp,
 }
 
 impl Pipeline {
@@ -159,7 +160,7 @@ impl Pipeline {
         let method = method.unwrap_or_default();
         let force_tare = force || Calibration::is_named(&method);
         let settings = Settings { method, threshold, tare_frames, both_signs, force_tare, ..Settings::default() };
-        let feed = Mutex::new(Feed { pipeline: pipeline::Pipeline::new(methods, settings)?, next: 0 });
+        let feed = Mutex::new(Feed { pipeline: pipeline::Pipeline::new(methods, settings)?, next: 0, last: Timestamp::default() });
         Ok(Pipeline { feed, skin: skin.get().skin().clone() })
     }
 
@@ -178,9 +179,14 @@ impl Pipeline {
         };
         let measured_at = Timestamp::default().after(measured_at);
         let frame = worker::run_short(py, || {
-            let Feed { pipeline, next } = &mut *self.feed();
+            let Feed { pipeline, next, last } = &mut *self.feed();
+            let before_s = last.seconds_since(measured_at);
+            if before_s > 0.0 {
+                let message = format!("the frame is {before_s:.3} s older than the one before");
+                return Err(Failure::with_hint(message, "give a `time_s` that increases"));
+            }
             let frame = pipeline.process(FrameInput::new(*next, measured_at, values))?;
-            *next += 1;
+            (*next, *last) = (*next + 1, measured_at);
             if pipeline.wants_rebuild()
                 && let Ok(rebuilt) = pipeline.rebuild_job().run()
             {

@@ -24,7 +24,7 @@ use numpy::prelude::*;
 use pyo3::exceptions::{PyAttributeError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{IntoPyDict, PyDict, PyString};
+use pyo3::types::{IntoPyDict, PyDict, PyList, PyString};
 use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -89,9 +89,33 @@ fn twin_name<'py>(py: Python<'py>, name: Option<&Bound<'py, PyAny>>) -> Bound<'p
     name.cloned().unwrap_or_else(|| PyString::new(py, "lab").into_any())
 }
 
+/// What TOML has no word for: the keys that lead to it, and the value.
+fn unwritable(value: &Bound<'_, PyAny>, keys: &str) -> PyResult<Option<String>> {
+    if let Ok(table) = value.cast::<PyDict>() {
+        for (key, value) in table {
+            let name = if keys.is_empty() { key.to_string() } else { format!("{keys}.{key}") };
+            if let Some(found) = unwritable(&value, &name)? {
+                return Ok(Some(found));
+            }
+        }
+    } else if let Ok(list) = value.cast::<PyList>() {
+        for (index, value) in list.iter().enumerate() {
+            if let Some(found) = unwritable(&value, &format!("{keys}[{index}]"))? {
+                return Ok(Some(found));
+            }
+        }
+    } else if value.is_none() || value.extract::<f64>().is_ok_and(|number| !number.is_finite()) {
+        return Ok(Some(format!("`{keys}` is {value}")));
+    }
+    Ok(None)
+}
+
 /// The text of a TOML file that was given as a dict, through JSON; arrays are lists.
 fn toml_text(keys: &Bound<'_, PyDict>) -> Outcome<String> {
     let py = keys.py();
+    if let Some(found) = unwritable(keys, "")? {
+        return Err(Failure::with_hint(found, "give a number or a text, or leave the key out"));
+    }
     let list_of_array = py.import("operator")?.call_method1("methodcaller", ("tolist",))?;
     let options = [("default", list_of_array)].into_py_dict(py)?;
     // What is no array has no `tolist`.

@@ -72,3 +72,18 @@ def test_functions_are_the_commands(tmp_path):
         commands.mesh("skin16", colour=True)
     with pytest.raises(AttributeError, match="nothing"):
         commands.nothing  # noqa: B018
+
+
+def test_complex_arrays_stay_complex(tmp_path):
+    skin = dermis.Skin.load("skin16")
+    frames = skin.forward()[None] * np.exp(0.3j)
+    hint = {"baseline": frames, "method": "noser", "output": tmp_path / "c.csv"}
+    with pytest.raises(dermis.DermisError, match="complex"):
+        commands.contacts("skin16", frames=frames, **hint)
+    assert "0 contacts" in commands.contacts("skin16", frames=frames, part="magnitude", **hint)
+
+
+@pytest.mark.parametrize("frames", [{"a": 1}, dermis.Paired(np.zeros((1, 192))), ["a", "b"]])
+def test_what_is_no_argument_is_refused(frames, tmp_path):
+    with pytest.raises(dermis.DermisError, match="`frames` is"):
+        commands.contacts("skin16", frames=frames, output=tmp_path / "c.csv")

@@ -84,6 +84,9 @@ def test_devices_and_recordings_that_cannot_be_are_refused(skin, tmp_path):
         pipeline.process([1.0])
     with pytest.raises(dermis.DermisError, match="`time_s` is -1"):
         pipeline.process(skin.forward(), -1)
+    pipeline.process(skin.forward(), 1.0e9)
+    with pytest.raises(dermis.DermisError, match="older than the one before"):
+        pipeline.process(skin.forward(), 1.0e8)
     with pytest.raises(dermis.DermisError, match="no-such-method"):
         dermis.Pipeline(skin, "no-such-method")
 

@@ -76,3 +76,10 @@ def test_frames_of_another_skin_are_refused_as_by_the_program(skin):
         method.images(1e-3 * frame, frame, force=True)
     with pytest.raises(dermis.DermisError, match="positions"):
         skin.touched_conductivity([30.0, 20.0, 0.0])
+
+
+@pytest.mark.parametrize("change", [lambda truth: 1e3 * truth, lambda truth: truth + [0.1, 0, 0]])
+def test_truth_off_the_skin_is_refused(skin, change):
+    frames = skin.forward(skin.touched_conductivity(skin.pixels[:1]))[None]
+    with pytest.raises(dermis.DermisError, match="`truth`: the place"):
+        skin.method("noser").score(frames, change(skin.pixels[:1]), skin.forward()[None])

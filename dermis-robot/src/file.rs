@@ -288,6 +288,23 @@ impl Robot {
         self.kinematics.as_ref().map(|kinematics| kinematics.links()[self.base].as_str())
     }
 
+    /// Pairs of skins that do not move against each other: on one link, or on links that are fixed to each other; with the pose of
+    /// the frame of the second in that of the first.
+    pub fn fixed_pairs(&self) -> Vec<(usize, usize, Pose)> {
+        let posture = self.kinematics().map(|known| known.posture(&vec![f64::NAN; known.movable().len()]));
+        let pose = |worn: &WornSkin, other: &WornSkin| {
+            let links = match &posture {
+                _ if worn.link == other.link => Some(Pose::IDENTITY),
+                Some(posture) => posture.pose(worn.link_index, other.link_index),
+                None => None,
+            };
+            links.map(|links| worn.origin.inverse().after(&links).after(&other.origin))
+        };
+        let skins = self.skins();
+        let pairs = (0..skins.len()).flat_map(|a| (a + 1..skins.len()).map(move |b| (a, b)));
+        pairs.filter_map(|(a, b)| Some((a, b, pose(&skins[a], &skins[b])?))).collect()
+    }
+
     pub(crate) fn base_index(&self) -> usize {
         self.base
     }
@@ -451,7 +468,11 @@ impl Reader<'_> {
             }
             (_, None) => 0,
         };
-        let design_path = self.beside(design.get_ref());
+        let name_of_design = design.get_ref();
+        let design_path = match SkinDesign::SHIPPED.contains(&name_of_design.as_str()) {
+            true if !self.folder.join(name_of_design).exists() => name_of_design.clone(),
+            _ => self.beside(name_of_design),
+        };
         let loaded = SkinDesign::load(&design_path).map_err(|error| match &error.source_text {
             Some(_) => error,
             None => self.error(design.span(), error.message.clone(), error.fix.as_deref()),
@@ -482,10 +503,9 @@ impl Reader<'_> {
         })
     }
 
-    /// A file of the robot's folder, or the name as it is.
+    /// A file of the robot's folder.
     fn beside(&self, name: &str) -> String {
-        let path = self.folder.join(name);
-        if path.exists() { path.display().to_string() } else { name.to_string() }
+        self.folder.join(name).display().to_string()
     }
 
     fn origin(&self, table: &Spanned<OriginTable>) -> Result<Pose, DesignError> {

@@ -168,10 +168,14 @@ impl Kinematics {
         std::iter::successors(self.above[link], up)
     }
 
+    /// The root of the tree of a link.
+    pub(crate) fn root_of(&self, link: usize) -> usize {
+        self.chain(link).last().map_or(link, |joint| self.joints[joint].parent)
+    }
+
     /// Whether two links belong to one tree.
     pub(crate) fn are_connected(&self, a: usize, b: usize) -> bool {
-        let root = |link: usize| self.chain(link).last().map_or(link, |joint| self.joints[joint].parent);
-        root(a) == root(b)
+        self.root_of(a) == self.root_of(b)
     }
 
     /// The joints between two links and their last common ancestor, the lowest first: those above `base`, those above `link`.

@@ -44,18 +44,7 @@ pub(crate) struct Seams {
 
 impl Seams {
     pub(crate) fn new(robot: &Robot) -> Self {
-        let (skins, mut pairs) = (robot.skins(), Vec::new());
-        let posture = robot.kinematics().map(|known| known.posture(&vec![f64::NAN; known.movable().len()]));
-        for (a, worn) in skins.iter().enumerate() {
-            for (b, other) in skins.iter().enumerate().skip(a + 1) {
-                let links = match &posture {
-                    _ if worn.link == other.link => Some(Pose::IDENTITY),
-                    Some(posture) => posture.pose(worn.link_index, other.link_index),
-                    None => None,
-                };
-                pairs.extend(links.map(|links| (a, b, worn.origin.inverse().after(&links).after(&other.origin))));
-            }
-        }
+        let pairs = robot.fixed_pairs();
         Seams { pairs, joined: Vec::new(), touches: Vec::new(), ids: BTreeMap::new(), last_id: 0 }
     }
 

@@ -234,7 +234,9 @@ impl RobotState {
             (_, When::ForceN(force_n)) => {
                 if contacts.iter().any(|tracked| tracked.contact.force_n >= force_n) {
                     Says::Holds
-                } else if contacts.iter().all(|tracked| tracked.contact.force_is_known()) {
+                } else if contacts.iter().all(|tracked| tracked.contact.force_is_known())
+                    && (zone == Zone::Clear || !all.is_empty())
+                {
                     Says::Clear
                 } else {
                     Says::Unknown(None)
@@ -487,9 +489,11 @@ impl RobotState {
         posture: &Posture<'_>,
         wrench: &Wrench,
     ) -> Option<Vec<(f64, f64)>> {
-        let (base, link) = (self.robot.base_index(), self.robot.skins()[skin].link_index);
-        let pose = posture.pose(base, link)?;
-        let jacobian = posture.jacobian(base, link, [0.0; 3])?;
+        // Of the tree's root, which stands still: contacts may be given in the frame of another link.
+        let link = self.robot.skins()[skin].link_index;
+        let root = self.robot.kinematics()?.root_of(link);
+        let pose = posture.pose(root, link)?;
+        let jacobian = posture.jacobian(root, link, [0.0; 3])?;
         for ((torque, variance), (more, spread)) in sum.iter_mut().zip(wrench.torques(&jacobian, &pose)) {
             (*torque, *variance) = (*torque + more, *variance + spread);
         }

@@ -7,6 +7,7 @@ use dermis::files::{folder_of, read_text_at_most};
 use dermis::geom::vector::{norm, scale};
 use dermis::geom::{Point3, beyond_a_turn};
 use roxmltree::{Document, Node};
+use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 use std::path::{Path, PathBuf};
 
 /// Largest URDF file, bytes.
@@ -103,9 +104,13 @@ pub fn link_triangles(urdf: &Path, link: &str, shape: Shape) -> Result<(Vec<[Poi
     };
     let (mut triangles, mut files) = (Vec::new(), Vec::new());
     for part in node.children().filter(|part| part.has_tag_name(tag)) {
-        let Some(mesh) = part.descendants().find(|node| node.has_tag_name("mesh")) else { continue };
         let origin = part.children().find(|node| node.has_tag_name("origin"));
         let pose = origin.map_or(Ok(Pose::IDENTITY), |node| file.origin(node))?;
+        let Some(mesh) = part.descendants().find(|node| node.has_tag_name("mesh")) else {
+            let solid = file.solid(part)?.into_iter();
+            triangles.extend(solid.map(|triangle| triangle.map(|corner| pose.point(corner))));
+            continue;
+        };
         let scales = file.vector(Some(mesh), "scale", [1.0; 3])?;
         let path = mesh_path(urdf, mesh.attribute("filename").unwrap_or_default()).ok_or_else(|| {
             let fix = "put the URDF where its package is, or write the path of the mesh from the folder of the URDF";
@@ -120,9 +125,7 @@ pub fn link_triangles(urdf: &Path, link: &str, shape: Shape) -> Result<(Vec<[Poi
     }
     if triangles.is_empty() {
         let fix = format!("try the shape for {other}, or give an STL file with --mesh");
-        let message = format!(
-            "the link `{link}` has no mesh with triangles for {tag}; boxes, cylinders and spheres are not read"
-        );
+        let message = format!("the link `{link}` has no mesh, box, cylinder or sphere for {tag}");
         return Err(file.error(node, message, Some(&fix)));
     }
     Ok((triangles, files))
@@ -149,6 +152,26 @@ fn mesh_path(urdf: &Path, name: &str) -> Option<PathBuf> {
             .into_iter()
             .flatten()
             .find(|path| path.is_file())
+    })
+}
+
+/// The closed surface that half a profile (radius, height) makes about z, from the top to the middle; the lower half mirrors it.
+fn revolved(half: &[[f64; 2]], sides: usize) -> impl Iterator<Item = [Point3; 3]> {
+    let lower = half.iter().rev().map(|[radius, height]| [*radius, -height]);
+    let profile: Vec<[f64; 2]> = half.iter().copied().chain(lower).collect();
+    let corner = move |[radius, height]: [f64; 2], side: usize| {
+        let (sin, cos) = (TAU * (side as f64 + 0.5) / sides as f64).sin_cos();
+        [radius * cos, radius * sin, height]
+    };
+    let bands = profile.windows(2).map(|pair| [pair[0], pair[1]]).filter(|[upper, lower]| upper != lower);
+    let bands: Vec<[[f64; 2]; 2]> = bands.collect();
+    bands.into_iter().flat_map(move |[upper, lower]| {
+        (0..sides).flat_map(move |side| {
+            let [a, b] = [side, side + 1].map(|side| corner(upper, side));
+            let [c, d] = [side, side + 1].map(|side| corner(lower, side));
+            let halves = [(upper[0] > 0.0).then_some([a, c, b]), (lower[0] > 0.0).then_some([b, c, d])];
+            halves.into_iter().flatten()
+        })
     })
 }
 
@@ -181,6 +204,38 @@ impl File<'_> {
     }
 
     /// Refuses parts of a joint that are misspelt or written twice: what is left out moves links.
+    /// The surface of the boxes, cylinders and spheres of an element, m.
+    fn solid(self, part: Node<'_, '_>) -> Result<Vec<[Point3; 3]>, DesignError> {
+        /// Sides of what is round: its flat sides are within 0.2 % of the radius.
+        const SIDES: usize = 48;
+        let mut triangles = Vec::new();
+        for node in part.descendants().filter(Node::is_element) {
+            let number = |key: &str| self.number(node, key, f64::NAN);
+            let (size, profile, sides) = match node.tag_name().name() {
+                // A square prism whose sides face the axes.
+                "box" => (self.vector(Some(node), "size", [f64::NAN; 3])?, vec![[0.0, 0.5], [FRAC_1_SQRT_2, 0.5]], 4),
+                "cylinder" => {
+                    let (radius_m, length_m) = (number("radius")?, number("length")?);
+                    ([radius_m, radius_m, length_m], vec![[0.0, 0.5], [1.0, 0.5]], SIDES)
+                }
+                "sphere" => {
+                    let angle = |step: usize| PI * step as f64 / SIDES as f64;
+                    let profile = (0..=SIDES / 2).map(|step| [angle(step).sin(), angle(step).cos()]).collect();
+                    ([number("radius")?; 3], profile, SIDES)
+                }
+                _ => continue,
+            };
+            if !size.iter().all(|length_m| *length_m > 0.0 && length_m.is_finite()) {
+                let message = format!("a <{}> without an extent", node.tag_name().name());
+                return Err(self.error(node, message, Some("give positive lengths, m")));
+            }
+            let unit = revolved(&profile, sides);
+            triangles
+                .extend(unit.map(|triangle| triangle.map(|corner| [0, 1, 2].map(|axis| corner[axis] * size[axis]))));
+        }
+        Ok(triangles)
+    }
+
     fn check_parts(self, joint: Node<'_, '_>) -> Result<(), DesignError> {
         const PARTS: [(&str, &[&str]); 3] =
             [("origin", &["xyz", "rpy"]), ("axis", &["xyz"]), ("mimic", &["joint", "multiplier", "offset"])];
@@ -198,6 +253,11 @@ impl File<'_> {
                     format!("<{tag}> has no attribute `{wrong}`"),
                     Some(&fix),
                 ));
+            }
+        }
+        for tag in ["parent", "child", "limit"] {
+            if let Some(second) = joint.children().filter(|child| child.has_tag_name(tag)).nth(1) {
+                return Err(self.error(second, format!("a second <{tag}> of one joint"), Some("write one")));
             }
         }
         // Other programs write elements of their own: only a misspelt one is refused.

@@ -1,6 +1,8 @@
 //! Kinematics against exact solutions and finite differences. The Python package compares them with MuJoCo.
 
-use dermis_robot::{Kinematics, Pose};
+use dermis::geom::vector::{cross, dot};
+use dermis_robot::{Kinematics, Pose, Shape, link_triangles};
+use std::f64::consts::PI;
 
 /// Two links of 0.3 and 0.2 m that turn about z, a slide along their end, and a gripper whose second finger follows the first.
 const ARM: &str = r#"<robot name="arm">
@@ -133,4 +135,30 @@ fn long_chains_are_read_and_longer_ones_refused() {
     let pose = robot.posture(&[0.0; 1_999]).pose(0, 1_999).unwrap();
     assert!((pose.translation_m[2] - 19.99).abs() < 1e-9);
     assert!(chain(10_001).unwrap_err().to_string().contains("10001 links: at most 10000"));
+}
+
+/// Boxes, cylinders and spheres are shapes of a link as meshes are: their volumes and places are exact but for flat sides.
+#[test]
+fn solids_of_a_link_are_read() {
+    let shape = |text: &str| format!("<collision><origin xyz=\"0 0 1\"/><geometry>{text}</geometry></collision>");
+    let volume_m3 = |text: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("arm.urdf");
+        std::fs::write(&path, format!("<robot name=\"arm\"><link name=\"a\">{}</link></robot>", shape(text))).unwrap();
+        let (triangles, _) = link_triangles(&path, "a", Shape::Collision).map_err(|error| error.to_string())?;
+        // About a point inside, so that the place counts: the origin is below.
+        let volume = |[a, b, c]: &[[f64; 3]; 3]| dot(*a, cross(*b, *c)) / 6.0;
+        assert!(triangles.iter().flatten().all(|corner| corner[2] > 0.5));
+        Ok::<f64, String>(triangles.iter().map(volume).sum())
+    };
+    for (text, expected) in [
+        ("<box size=\"0.1 0.2 0.3\"/>", 0.006),
+        ("<cylinder radius=\"0.1\" length=\"0.2\"/>", 0.002 * PI),
+        ("<sphere radius=\"0.3\"/>", 0.036 * PI),
+    ] {
+        let volume = volume_m3(text).unwrap();
+        assert!((volume / expected - 1.0).abs() < 0.01, "{text}: {volume} and {expected}");
+    }
+    let error = volume_m3("<box size=\"0.1 0 0.3\"/>").unwrap_err();
+    assert!(error.contains("a <box> without an extent"), "{error}");
 }

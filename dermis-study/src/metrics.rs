@@ -117,7 +117,7 @@ const OTHERS: &[Figure] = figures! {
 impl Figure {
     /// The value as printed in tables.
     pub fn show(&self, value: f64) -> String {
-        if value.is_nan() { "none".into() } else { format!("{:.*}", self.decimals, self.factor * value) }
+        if !value.is_finite() { "none".into() } else { format!("{:.*}", self.decimals, self.factor * value) }
     }
 
     /// What the skin allows any unbiased method, in SI units; `None` for figures without a bound.
@@ -161,10 +161,14 @@ pub fn table(twins: &[BenchmarkResult], bound: Option<&BenchmarkBound>) -> Table
             figure.show(of_twins),
             figure.show(figure.worst(&values)),
             limit.map(|limit| figure.show(limit)).unwrap_or_default(),
-            limit.map(|limit| format!("{:.2}", of_twins / limit)).unwrap_or_default(),
+            limit.map(|limit| of_bound(of_twins / limit)).unwrap_or_default(),
         ]);
     }
     table
+}
+
+fn of_bound(ratio: f64) -> String {
+    if ratio.is_finite() { format!("{ratio:.2}") } else { "none".into() }
 }
 
 /// Two tables of a benchmark of families: a row for each family over all skins, and a row for each skin over all families.

@@ -377,6 +377,10 @@ impl<'a> Plausibility<'a> {
     /// A frame without a usable value.
     fn without_values(&self, frame: &Frame, what: &str) -> Option<Finding> {
         let values = || self.used.iter().map(|&channel| frame[channel]);
+        if self.used.is_empty() {
+            let fix = "leave fewer channels and electrodes out";
+            return Some(Finding::new(FindingKind::Dead, 0.0, "no channel is left: all are left out", fix));
+        }
         if values().all(|value| value == 0.0) {
             let evidence = format!("every value of the {what} is 0");
             let fix = "check that the instrument measures: its source, its gain, its cable";

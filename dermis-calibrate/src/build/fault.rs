@@ -78,8 +78,7 @@ pub(super) struct Network {
 impl Network {
     /// The network of a sound skin.
     pub(super) fn sound(impedance: Matrix, drives: usize) -> Self {
-        let mut passed = Matrix::zeros(impedance.rows, impedance.rows);
-        (0..impedance.rows).for_each(|i| *passed.at_mut(i, i) = 1.0);
+        let passed = Matrix::identity(impedance.rows);
         Network { impedance, passed, gains: vec![1.0; drives], open: Vec::new() }
     }
 

@@ -45,6 +45,7 @@ use dermis::design::Body;
 use dermis::finding::{Finding, FindingKind, Severity};
 use dermis::frame::{Frame, broken_channels, disconnected_electrodes, mean};
 use dermis::geom::Point3;
+use dermis::plausibility::Plausibility;
 use dermis::protocol::Protocol;
 use dermis::skin::Skin;
 use dermis::text::counted;
@@ -145,7 +146,16 @@ pub fn check_recording(skin: &Skin, recording: &Recording<'_>) -> Result<Checked
     }
     check.aligned(&mended, &order, &evidence, comparable);
     check.of_values();
-    Ok(check.finish(&order))
+    let mut checked = check.finish(&order);
+    if let Some(baseline) = mean(recording.untouched) {
+        let plausible = Plausibility::new(&skin.design().protocol, skin.untouched()?, &[]);
+        let unlike = plausible.of_frames(recording.frames, &baseline);
+        let is_new = |found: &Finding| checked.findings.iter().all(|known| known.kind != found.kind);
+        if let Some(unlike) = unlike.filter(is_new) {
+            checked.findings.insert(0, unlike);
+        }
+    }
+    Ok(checked)
 }
 
 /// Recording with the late channels moved to their rows: the value of a channel for row `i` is that of row `i + lag`.

@@ -77,6 +77,7 @@ pub struct Arguments {
 impl Arguments {
     /// Fits the calibration and writes it.
     pub fn run(self) -> Outcome {
+        Fitted::check_folder(&self.output)?;
         let (Some(frames), Some(truth)) = (&self.frames, &self.truth) else {
             return self.guided.run(&self.design, &self.output, self.difference, self.json);
         };

@@ -246,7 +246,7 @@ fn table(skin: &str, score: &Score) -> String {
     let spread = if score.sensitivity_spread.is_finite() {
         format!("{:.2} (standard deviation over mean)", score.sensitivity_spread)
     } else {
-        "unknown without forces".to_string()
+        "unknown without frames of single touches with forces".to_string()
     };
     let force = score.force.map_or(String::new(), force_line);
     let advice = score.advice().map(|advice| format!("  note                {advice}\n")).unwrap_or_default();

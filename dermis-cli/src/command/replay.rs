@@ -46,11 +46,15 @@ impl Arguments {
         }
         let waiting = Progress::waiting("replaying");
         let mut counts = ReplayCounts::default();
-        let mut failure = Ok(());
+        // A reader that has enough ends it before.
+        let (mut failure, mut is_read) = (Ok(()), false);
         to_standard_output(|out| {
             loop {
                 let frame = match replay.step() {
-                    Ok(None) => return Ok(()),
+                    Ok(None) => {
+                        is_read = true;
+                        return Ok(());
+                    }
                     Ok(Some(Replayed::Frame(frame))) => frame,
                     Ok(Some(Replayed::Command(_))) => continue,
                     Err(error @ LiveError::Record(RecordError::Damaged { .. })) => {
@@ -74,7 +78,7 @@ impl Arguments {
         })?;
         drop(waiting);
         failure?;
-        if !replay.is_whole() && counts.damaged_parts == 0 {
+        if !replay.is_whole() && is_read && counts.damaged_parts == 0 {
             warn(&format!("{} ends early: what came in its last moments is missing", self.recording.display()));
         }
         match (self.summary, self.json) {

@@ -145,11 +145,16 @@ impl ReplayArguments {
         let mut replay = RobotReplay::open(&self.recording, &dermis_learn::methods())?;
         let waiting = crate::console::Progress::waiting("replaying");
         let (mut counts, mut failure) = (ReplayCounts::default(), Ok(()));
+        // A reader that has enough ends it before.
+        let mut is_read = false;
         to_standard_output(|out| {
             loop {
                 let output = match replay.step() {
                     Ok(Some(output)) => output,
-                    Ok(None) => return Ok(()),
+                    Ok(None) => {
+                        is_read = true;
+                        return Ok(());
+                    }
                     Err(error) => {
                         failure = Err(error);
                         return Ok(());
@@ -181,7 +186,7 @@ impl ReplayArguments {
             _ => {}
         }
         if counts.missing_frames == 0 {
-            if !replay.is_whole() {
+            if !replay.is_whole() && is_read {
                 warn(&format!(
                     "{} has no end: it was cut off, so that what came later is missing, or it is of an earlier version",
                     self.recording.display()
@@ -442,7 +447,7 @@ fn event_text(event: &RuleEvent) -> String {
     let cause = match &event.cause {
         Cause::Touched { skin } => format!("{skin} is touched"),
         Cause::Unknown { skin, reason } => {
-            format!("{skin} is unknown: {}", reason.map_or("its force is not calibrated", |reason| reason.text()))
+            format!("{skin} is unknown: {}", reason.map_or("its force is not known", |reason| reason.text()))
         }
     };
     let verb = if event.event == EventKind::Changes { "goes on" } else { "begins" };

@@ -20,12 +20,15 @@ struct Label {
     #[serde(rename = "plan")]
     architecture: crate::network::Architecture,
     input: crate::input::Input,
+    /// Skin, noise and datasets.
+    #[serde(default)]
+    origin: String,
     steps: u64,
     epochs: Vec<Epoch>,
 }
 
 /// Writes a checkpoint, completely or not at all.
-pub(crate) fn write(path: &Path, options: &TrainOptions, state: &State) -> Result<(), LearnError> {
+pub(crate) fn write(path: &Path, options: &TrainOptions, origin: &str, state: &State) -> Result<(), LearnError> {
     let single = |name: String, shape: Vec<usize>, values| Named { name, shape, values, precision: Precision::Single };
     let mut named = Vec::new();
     let mut moments = state.moments.iter();
@@ -42,6 +45,7 @@ pub(crate) fn write(path: &Path, options: &TrainOptions, state: &State) -> Resul
         options: options.clone(),
         architecture: state.network.architecture().clone(),
         input: state.input.clone(),
+        origin: origin.into(),
         steps: state.steps,
         epochs: state.epochs.clone(),
     };
@@ -49,8 +53,8 @@ pub(crate) fn write(path: &Path, options: &TrainOptions, state: &State) -> Resul
     tensors::write(path, &named, HashMap::from([(KEY.to_string(), label)]))
 }
 
-/// Reads a checkpoint into a state of the same network and options; returns whether there was one.
-pub(crate) fn read(path: &Path, options: &TrainOptions, state: &mut State) -> Result<bool, LearnError> {
+/// Reads a checkpoint into a state of the same network, options and origin; returns whether there was one.
+pub(crate) fn read(path: &Path, options: &TrainOptions, origin: &str, state: &mut State) -> Result<bool, LearnError> {
     let bytes = match std::fs::read(path) {
         Ok(bytes) => bytes,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(false),
@@ -70,8 +74,8 @@ pub(crate) fn read(path: &Path, options: &TrainOptions, state: &mut State) -> Re
     {
         return Err(LearnError::model(path, format!("it is of another network or of other options; {fix}")));
     }
-    if label.input != state.input {
-        return Err(LearnError::model(path, format!("it was trained on other samples; {fix}")));
+    if label.input != state.input || label.origin != origin {
+        return Err(LearnError::model(path, format!("it was trained on other samples, noise or another skin; {fix}")));
     }
     let mut network = state.network.clone();
     let mut moments = state.moments.clone();

@@ -58,6 +58,18 @@ pub struct Training {
     test: Samples,
 }
 
+/// Refuses a dataset of another skin, which may have the same mesh.
+fn check_design(dataset: &Dataset, design: &SkinDesign) -> Result<(), LearnError> {
+    let wrong = |message: String| LearnError::Data { folder: dataset.folder().to_path_buf(), message };
+    match dataset.manifest().record.other_table(design).map_err(|error| wrong(error.to_string()))? {
+        None => Ok(()),
+        Some(table) => Err(wrong(format!(
+            "its samples are of another design, with another [{table}] than {:?}: train with that design, or simulate this one anew",
+            design.name
+        ))),
+    }
+}
+
 impl Training {
     /// The training of a preset on the skin of a forward model.
     ///
@@ -73,6 +85,9 @@ impl Training {
         let mut datasets: Arc<[Dataset]> = Arc::new([]);
         let sources: [Box<dyn Source>; 2] = match data {
             TrainingData::Files { training, test } => {
+                for dataset in training.iter().chain(&test) {
+                    check_design(dataset, design)?;
+                }
                 datasets = training.into();
                 let files = |datasets, part| Files::new(datasets, part, forward);
                 let (whole, held_out) = (Arc::clone(&datasets), Arc::clone(&datasets));
@@ -124,8 +139,11 @@ impl Training {
     /// # Errors
     /// As [`Trainer::new`].
     pub fn trainer(&self) -> Result<Trainer<'_>, LearnError> {
-        let TrainingPreset { architecture, input, options, .. } = &self.preset;
-        Trainer::new(architecture, input.clone(), options, &self.training, &self.test)
+        let TrainingPreset { architecture, input, options, noise, .. } = &self.preset;
+        let mut trainer = Trainer::new(architecture, input.clone(), options, &self.training, &self.test)?;
+        let datasets: Vec<&str> = self.data.iter().map(|dataset| dataset.manifest().identity.as_str()).collect();
+        trainer.origin = serde_json::json!([self.skin, noise, datasets]).to_string();
+        Ok(trainer)
     }
 
     /// The model of a trained network, with the card of this training.

@@ -24,6 +24,8 @@ const TEST_STREAMS: u64 = 1 << 62;
 #[derive(Debug)]
 pub struct Trainer<'a> {
     options: TrainOptions,
+    /// Skin, noise and datasets, by which a checkpoint is known.
+    pub(super) origin: String,
     training: &'a Samples,
     test: &'a Samples,
     pub(crate) state: State,
@@ -88,6 +90,7 @@ impl<'a> Trainer<'a> {
         let pass = Pass::new(&network, options.batch);
         Ok(Trainer {
             options: options.clone(),
+            origin: String::new(),
             training,
             test,
             inputs: vec![0.0; options.batch * architecture.inputs()],
@@ -103,7 +106,7 @@ impl<'a> Trainer<'a> {
     /// # Errors
     /// A checkpoint of another network or training, or a damaged one.
     pub fn resume(&mut self, path: &Path) -> Result<bool, LearnError> {
-        checkpoint::read(path, &self.options, &mut self.state)
+        checkpoint::read(path, &self.options, &self.origin, &mut self.state)
     }
 
     /// Writes the state that is needed to continue.
@@ -111,7 +114,7 @@ impl<'a> Trainer<'a> {
     /// # Errors
     /// A file that cannot be written; the previous checkpoint is then unchanged.
     pub fn save(&self, path: &Path) -> Result<(), LearnError> {
-        checkpoint::write(path, &self.options, &self.state)
+        checkpoint::write(path, &self.options, &self.origin, &self.state)
     }
 
     /// The current network.

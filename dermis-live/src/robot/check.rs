@@ -9,7 +9,7 @@ use dermis::geom::vector::{centroid, distance};
 use dermis::method::{MethodSet, Methods};
 use dermis::pipeline::{Command, FrameInput, Pipeline, Settings, Timestamp};
 use dermis::skin::Skin;
-use dermis_robot::{Kinematics, Robot, Rule, SEAM_M, When, WornSkin};
+use dermis_robot::{Kinematics, Pose, Robot, Rule, SEAM_M, When, WornSkin};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
@@ -114,14 +114,12 @@ pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotRepo
         });
     }
     let mut neighbours = Vec::new();
-    for (a, worn) in robot.skins().iter().enumerate() {
-        for (b, other) in robot.skins().iter().enumerate().skip(a + 1).filter(|(_, other)| other.link == worn.link) {
-            let [first, second] = [(worn, sets[a].skin()), (other, sets[b].skin())];
-            let (distance_m, overlap) = (distance_m(first, second), overlap(first, second));
-            if distance_m < SEAM_M {
-                let skins = [worn.name.clone(), other.name.clone()];
-                neighbours.push(Neighbours { skins, distance_m, overlap });
-            }
+    for (a, b, pose) in robot.fixed_pairs() {
+        let [first, second] = [a, b].map(|skin| sets[skin].skin());
+        let (distance_m, overlap) = (distance_m(first, second, &pose), overlap(first, second, &pose));
+        if distance_m < SEAM_M {
+            let skins = [a, b].map(|skin| robot.skins()[skin].name.clone());
+            neighbours.push(Neighbours { skins, distance_m, overlap });
         }
     }
     let joints = robot.kinematics().map(|kinematics| {
@@ -146,30 +144,26 @@ pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotRepo
     })
 }
 
-/// Distances of places of a skin from the surface of another one of its link, m.
-fn distances_m(
-    places_m: &[Point3],
-    (worn, _): (&WornSkin, &Skin),
-    (other, on): (&WornSkin, &Skin),
-) -> impl Iterator<Item = f64> {
-    let limits = on.mesh().place_limits(on.design().body.surface());
-    let to_other = other.origin.inverse().after(&worn.origin);
+/// Distances of places of a skin from the surface of another one, m.
+fn distances_m(places_m: &[Point3], other: &Skin, to_other: Pose) -> impl Iterator<Item = f64> {
+    let limits = other.mesh().place_limits(other.design().body.surface());
     places_m.iter().map(move |&place_m| limits.distance_m(to_other.point(place_m)))
 }
 
-/// The distance of the nearest points of two skins of a link, m: of the nodes of each from the other.
-fn distance_m(a: (&WornSkin, &Skin), b: (&WornSkin, &Skin)) -> f64 {
+/// The distance of the nearest points of two skins, m: of the nodes of each from the other; with the pose of the second's frame in
+/// that of the first.
+fn distance_m(a: &Skin, b: &Skin, pose: &Pose) -> f64 {
     let from =
-        |one: (&WornSkin, &Skin), other| distances_m(&one.1.mesh().nodes, one, other).fold(f64::INFINITY, f64::min);
-    from(a, b).min(from(b, a))
+        |one: &Skin, other, to_other| distances_m(&one.mesh().nodes, other, to_other).fold(f64::INFINITY, f64::min);
+    from(a, b, pose.inverse()).min(from(b, a, *pose))
 }
 
-/// The part of a skin that lies on another one of its link: of its pixels. Those at a common edge are half a pixel from it.
-fn overlap(a: (&WornSkin, &Skin), b: (&WornSkin, &Skin)) -> f64 {
+/// The part of a skin that lies on another one: of its pixels. Those at a common edge are half a pixel from it.
+fn overlap(a: &Skin, b: &Skin, pose: &Pose) -> f64 {
     const ON_IT: f64 = 0.25;
-    let pixels = a.1.pixels();
+    let pixels = a.pixels();
     let on_m = ON_IT * pixels.half_pixel_m();
-    let on = distances_m(&pixels.centres_m, a, b).filter(|distance_m| *distance_m < on_m).count();
+    let on = distances_m(&pixels.centres_m, b, pose.inverse()).filter(|distance_m| *distance_m < on_m).count();
     on as f64 / pixels.len() as f64
 }
 
@@ -200,13 +194,13 @@ fn without_forces(rule: &Rule, skins: &[SkinReport]) -> Option<String> {
         .skins
         .iter()
         .map(|&skin| &skins[skin])
-        .filter(|skin| skin.forces == Some(false))
+        .filter(|skin| skin.forces != Some(true))
         .map(|skin| skin.skin.as_str())
         .collect();
     (matches!(rule.when, When::ForceN(_)) && !without.is_empty()).then(|| {
         format!(
-            "the rule `{}` needs forces, and {} gives none: every touch of it is of an unknown force; calibrate it with labels that have \
-             a force",
+            "the rule `{}` needs forces, and no touch of {} that was tried has one: every touch of it is of an unknown force; calibrate it \
+             with labels that have a force",
             rule.name,
             without.join(", ")
         )
@@ -226,9 +220,9 @@ fn beyond_forces(rule: &Rule, skins: &[SkinReport]) -> Option<String> {
     ))
 }
 
-/// A frame of the model, touched near the middle of the skin: half the conductance more, or a third less, around a place.
+/// A frame of the model, touched near the middle of the skin: twice the conductance, or half of it, around a place.
 fn touched(skin: &Skin) -> Result<Vec<f64>, LiveError> {
-    const WIDTH_M: f64 = 0.008;
+    const WIDTH_M: f64 = 0.01;
     let (mesh, model) = (skin.mesh(), skin.forward());
     let middle_m = centroid(&mesh.nodes);
     let apart_m = |place: &&Point3| distance(**place, middle_m);
@@ -237,7 +231,7 @@ fn touched(skin: &Skin) -> Result<Vec<f64>, LiveError> {
     let sign = skin.design().sheet.touch.sign();
     let change = |cell: usize| {
         let away = distance(mesh.cell_centre(cell), place_m) / WIDTH_M;
-        (0.4 * sign * (-0.5 * away * away).exp()).exp()
+        (0.7 * sign * (-0.5 * away * away).exp()).exp()
     };
     let conductivity: Vec<f64> =
         model.rest_conductivity().iter().enumerate().map(|(cell, rest)| rest * change(cell)).collect();

@@ -602,7 +602,8 @@ impl RobotLive {
             if self.readers[skin].again.is_some_and(|again| Instant::now() >= again)
                 && let Err(error) = self.read(skin)
             {
-                self.error(Some(skin), error.to_string());
+                self.readers[skin].again = Some(Instant::now() + AGAIN);
+                self.say_failure(skin, Some(&error));
             }
         }
     }

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `robot.toml`, `robot.urdf` | the robot; designs are those of this folder |
 //! | `skins/NAME.toml` | the design of a skin |
-//! | `skins/NAME.mcap`, `NAME_2.mcap`, ... | its frames; another file each time that it was read anew |
+//! | `skins/NAME.mcap`, `NAME+2.mcap`, ... | its frames; another file each time that it was read anew |
 //! | `inputs.jsonl` | a line for each frame, fault, device, joint state and snapshot, with the time at which it was taken |
 //!
 //! Replayed, they give the same events and snapshots. Both kinds of files are complete up to half a second before a crash.
@@ -163,7 +163,8 @@ impl RobotRecording {
         self.end(skin);
         let (count, sink) = &mut self.skins[skin];
         *count += 1;
-        let file = if *count == 1 { format!("{name}.mcap") } else { format!("{name}_{count}.mcap") };
+        // No skin has a name with a plus.
+        let file = if *count == 1 { format!("{name}.mcap") } else { format!("{name}+{count}.mcap") };
         let path = self.folder.join(SKINS).join(&file);
         *sink = Some(RecordingSink::start(live, &path, None, RecordingLimits::default())?);
         self.take(at, Input::Read { skin: name.into(), file });

@@ -20,7 +20,7 @@ def command(name: str, *arguments: Any, **options: Any) -> Any:
     """Runs a command of the program `dermis` in a process of its own.
 
     The command is the same as on the command line: `dermis.command("benchmark", "cylinder30", method="noser", twins=2)`
-    is `dermis benchmark cylinder30 --method noser --twins 2 --json`. Progress is shown where standard error is a terminal;
+    is `dermis benchmark cylinder30 --method noser --twins 2 --json`. Progress goes to standard error, as on the command line;
     an interrupt ends the process.
 
     Args:
@@ -95,8 +95,16 @@ def _word(value: Any, name: str, folder: Path) -> str:
     """A value on the command line; arrays are written to files."""
     if isinstance(value, (np.ndarray, list, tuple)):
         path = folder / f"{name}.npy"
-        np.save(path, np.asarray(value, dtype=float))
+        try:
+            array = np.asarray(value)
+            np.save(path, array if np.iscomplexobj(array) else array.astype(float))
+        except (TypeError, ValueError) as error:
+            raise DermisError(f"`{name}` is no array of numbers: {error}", hint="give numbers") from None
         return str(path)
     if isinstance(value, np.generic):
         value = value.item()
-    return os.fspath(value) if isinstance(value, (str, os.PathLike)) else repr(value)
+    if isinstance(value, (str, os.PathLike)):
+        return os.fspath(value)
+    if isinstance(value, (bool, int, float)):
+        return repr(value)
+    raise DermisError(f"`{name}` is a {type(value).__name__}", hint="give a text, a number, a path or an array")

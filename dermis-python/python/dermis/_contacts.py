@@ -26,7 +26,7 @@ class Contacts(np.recarray[Any, Any]):
         return self[self["frame"] == frame]
 
     def to_dataframe(self) -> Any:
-        """A pandas.DataFrame with the columns of `dermis contacts -o contacts.csv`; vectors by component."""
+        """A pandas.DataFrame with a column for each field; vectors by component, under the names of files of contacts."""
         import pandas
 
         from dermis._dermis import contact_columns
@@ -38,6 +38,8 @@ class Contacts(np.recarray[Any, Any]):
         return pandas.DataFrame(columns)
 
     def _repr_html_(self) -> str:
+        if not {"frame", "position_m", "force_n", "sd_m", "confidence"} <= set(self.dtype.names):
+            return f"<pre>{self!r}</pre>"
         names = ["frame", "x_m", "y_m", "z_m", "force_n", "sd_m", "confidence"]
         rows = []
         for contact in self[:50]:

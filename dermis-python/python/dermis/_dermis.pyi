@@ -85,7 +85,7 @@ class Calibration:
         """What cross-validation on the labels states: errors in m, relative errors of forces."""
 
     def locate(
-        self, frames: ArrayLike, baseline: ArrayLike | Paired | None = None, *, first: int = 0
+        self, frames: ArrayLike, baseline: ArrayLike | Paired | None = None, *, first: int = 0, force: bool = False
     ) -> dict[str, NDArray[Any]]:
         """Locates the press of each frame, in the order of recording. For forward maps.
 
@@ -93,13 +93,14 @@ class Calibration:
             frames: (n, channels), ohm.
             baseline: Untouched frames, (channels,) or (m, channels), ohm; without it, `frames` are differences.
             first: Number of the first frame in the recording of the labels.
+            force: Go on with frames that cannot be those of the skin, or not of the baseline.
 
         Returns:
             Arrays by name: `position_m` (n, 3), `covariance_m2` (n, 3, 3), `sd_m`, `confidence`, `force_n`, `force_sd_n`,
             `misfit`, `unlike` (n,): whether a press is unlike every labelled one.
 
         Raises:
-            DermisError: A wrong shape, a correction of a method.
+            DermisError: A wrong shape, a correction of a method, frames that cannot be those of the skin.
         """
 
     def suggest(self, count: int = 10) -> NDArray[np.float64]:
@@ -326,7 +327,7 @@ class Method:
             force: Go on with frames that cannot be those of the skin, or not of the baseline.
 
         Raises:
-            DermisError: A wrong shape, a touch in a frame that does not exist.
+            DermisError: A wrong shape, a touch in a frame that does not exist, or off the skin.
         """
 
     def svg(self, frame: ArrayLike, baseline: ArrayLike | Paired | None = None) -> str:

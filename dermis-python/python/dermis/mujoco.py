@@ -41,6 +41,12 @@ _WALL_M = 0.005
 _HULL_M = 0.0005
 
 
+# A contact point farther from the skin along the surface is beyond its edge, m: a flat triangle and a curved geom differ by less.
+_BESIDE_M = 0.002
+# A press has at least this part of its direction into the skin: 80 degrees from the normal.
+_INWARD = 0.17
+
+
 class Touches(NamedTuple):
     """Presses in the skin's frame, a row each.
 
@@ -59,7 +65,8 @@ class WornSkin:
     """A skin on a geom of a MuJoCo model.
 
     MuJoCo's contact points lie between the surfaces, inside the skin where it is penetrated: they are moved to the nearest
-    point of the skin. Several points of one body within `merge_m` of their mean are one press, as under a flat face.
+    point of the skin. Points farther from it than `reach_m` and the depth of the contact, beyond its edge, or pressed from behind belong to the rest of the
+    geom and are left out. Several points of one body within `merge_m` of their mean are one press, as under a flat face.
 
     Args:
         skin: A `dermis.Skin`.
@@ -70,14 +77,16 @@ class WornSkin:
             MuJoCo, its lower end in Dermis), and on a mesh the frames.
         rotation: Axes of the skin's frame in the same one, (3, 3); the same axes without it.
         merge_m: Largest distance of the contact points of one press from their mean, m.
+        reach_m: Largest distance of a contact point from the skin, m, where the geom has not its exact shape.
 
     Raises:
-        DermisError: A geom that does not exist, a rotation that is none.
+        DermisError: A geom that does not exist, a position that is not finite, a rotation that is none.
     """
 
     skin: Skin
     model: mujoco.MjModel
     merge_m: float
+    reach_m: float
     geom: int
     position: NDArray[np.float64]
     rotation: NDArray[np.float64]
@@ -91,8 +100,12 @@ class WornSkin:
         position: ArrayLike | None = None,
         rotation: ArrayLike | None = None,
         merge_m: float = 0.02,
+        reach_m: float = 0.02,
     ) -> None:
-        self.skin, self.model, self.merge_m = skin, model, merge_m
+        for name, length in [("merge_m", merge_m), ("reach_m", reach_m)]:
+            if not length >= 0:
+                raise DermisError(f"`{name}` is {length}", hint="give a length, m")
+        self.skin, self.model, self.merge_m, self.reach_m = skin, model, merge_m, reach_m
         self.geom = _geom(model, geom)
         name = model.geom(self.geom).name
         pieces = (index for index in range(model.ngeom) if name and model.geom(index).name.startswith(f"{name}/"))
@@ -104,10 +117,11 @@ class WornSkin:
         middle = (self._nodes.min(axis=0) + self._nodes.max(axis=0)) / 2
         asset = model.geom_dataid[self.geom] if model.geom_type[self.geom] == mujoco.mjtGeom.mjGEOM_MESH else -1
         default = np.zeros(3) if asset >= 0 else -middle
-        self.position = default if position is None else np.asarray(position, dtype=float).reshape(3)
-        self.rotation = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float).reshape(3, 3)
-        if not np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-6):
-            raise DermisError("`rotation` is no rotation", hint="give three orthogonal unit vectors")
+        self.position = default if position is None else _of_shape(position, "position", (3,))
+        self.rotation = np.eye(3) if rotation is None else _of_shape(rotation, "rotation", (3, 3))
+        is_orthogonal = np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-6)
+        if not is_orthogonal or np.linalg.det(self.rotation) < 0:
+            raise DermisError("`rotation` is no rotation", hint="give three orthogonal unit vectors, right-handed")
         if asset >= 0:
             axes = np.zeros(9)
             mujoco.mju_quat2Mat(axes, model.mesh_quat[asset])
@@ -148,6 +162,9 @@ class WornSkin:
             # The frame's first axis points from the first geom to the second, and the force is that on the second.
             axes = contact.frame.reshape(3, 3) * (-1 if is_first else 1)
             wrench = np.concatenate([force[:3] @ axes, force[3:] @ axes])
+            depth_m = max(0.0, -contact.dist)
+            if not self._is_on_skin(self.to_skin(data, contact.pos), self.direction_to_skin(data, axes[0]), depth_m):
+                continue
             yield contact.pos.copy(), axes[0], wrench, int(contact.geom[1 if is_first else 0])
 
     def to_skin(self, data: mujoco.MjData, point: ArrayLike) -> NDArray[np.float64]:
@@ -166,10 +183,25 @@ class WornSkin:
 
     def nearest(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """The nearest point of the skin, m."""
+        return self._nearest(point)[0]
+
+    def _nearest(self, point: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The nearest point of the skin, m, and the outward unit normal there."""
         distances = np.linalg.norm(self._nodes - point, axis=1)
         cells = {cell for node in np.argsort(distances)[:4] for cell in self._cells_of_node[node]}
-        candidates = [_nearest_on_triangle(point, self._nodes[self._cells[cell]]) for cell in cells]
-        return min(candidates, key=lambda candidate: np.linalg.norm(candidate - point))
+        candidates = [(_nearest_on_triangle(point, self._nodes[self._cells[cell]]), cell) for cell in cells]
+        nearest, cell = min(candidates, key=lambda candidate: np.linalg.norm(candidate[0] - point))
+        a, b, c = self._nodes[self._cells[cell]]
+        normal = np.cross(b - a, c - a)
+        return nearest, normal / np.linalg.norm(normal)
+
+    def _is_on_skin(self, point: NDArray[np.float64], direction: NDArray[np.float64], depth_m: float) -> bool:
+        """Whether a contact point of the geom presses the skin, not the geom beyond its edge or behind it; the geoms may overlap."""
+        nearest, outward = self._nearest(point)
+        off = point - nearest
+        above_m = off @ outward
+        beside_m = np.linalg.norm(off - above_m * outward)
+        return bool(abs(above_m) <= self.reach_m + depth_m and beside_m <= _BESIDE_M and direction @ outward < -_INWARD)
 
     def _merged(self, points: list[Any], others: list[int], other: int) -> Iterator[tuple[Any, Any, Any]]:
         """The presses of one geom: force-weighted means of points that are close together."""
@@ -200,7 +232,7 @@ class SimulatedSkin:
         seed: Seed of the twin.
         tip_radius_m: Radius of the spherical tips that stand for what touches, m.
         tare_frames: Number of untouched frames for the baseline.
-        **pose: `position`, `rotation` and `merge_m` of `WornSkin`.
+        **pose: `position`, `rotation`, `merge_m` and `reach_m` of `WornSkin`.
     """
 
     worn: WornSkin
@@ -673,6 +705,14 @@ def _joint(name: str, kind: str, parent: str, child: str, at: NDArray[np.float64
 
 def _numbers(values: Any) -> str:
     return " ".join(repr(float(value)) for value in values)
+
+
+def _of_shape(value: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Finite numbers of a shape."""
+    array = np.asarray(value, dtype=float)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise DermisError(f"`{name}` is {array.tolist()}", hint=f"give finite numbers of the shape {shape}")
+    return array
 
 
 def _geom(model: mujoco.MjModel, geom: str | int) -> int:

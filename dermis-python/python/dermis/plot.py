@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dermis._dermis import Skin
+from dermis._errors import DermisError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +34,10 @@ def flat(skin: Skin, points: ArrayLike) -> NDArray[np.float64]:
     Returns:
         (n, 2): arc length from theta = 0 and z on a cylinder, the two axes of a flat skin; (n, 3) on other bodies.
     """
-    points = np.asarray(points, dtype=float).reshape(-1, 3)
+    points = np.asarray(points, dtype=float)
+    if points.ndim not in (1, 2) or points.shape[-1] != 3:
+        raise DermisError(f"`points` has the shape {points.shape}", hint="give (3,) or (n, 3), m")
+    points = points.reshape(-1, 3)
     radius, plane = _radius(skin), _plane(skin)
     if radius is not None:
         arc = radius * (np.arctan2(points[:, 1], points[:, 0]) % (2 * np.pi))

@@ -63,7 +63,7 @@ class CalibrationRegressor(RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         X = validate_data(self, X, reset=False, dtype=np.float64)
-        located = self.calibration_.locate(X)
+        located = self.calibration_.locate(X, force=True)
         return (located["position_m"], located["sd_m"]) if return_std else located["position_m"]
 
 

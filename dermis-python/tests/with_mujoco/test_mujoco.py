@@ -110,3 +110,34 @@ def test_models_that_cannot_be_are_refused(skin):
         WornSkin(skin, model, "link", rotation=2 * np.eye(3))
     with pytest.raises(dermis.DermisError, match="no-such-method"):
         SimulatedSkin(skin, model, "link", method="no-such-method")
+
+
+def on_a_geom(geom, sphere, skin, **pose):
+    """The presses of a sphere that is pushed in x or z against a geom."""
+    axis, place, force = sphere
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><option gravity="0 0 0"/><worldbody><geom name="link" {geom}/><body pos="{place}">'
+        f'<joint type="slide" axis="{axis}"/><geom type="sphere" size="0.015" mass="0.05"/></body></worldbody></mujoco>'
+    )
+    data = mujoco.MjData(model)
+    data.qfrc_applied[0] = force
+    for _ in range(300):
+        mujoco.mj_step(model, data)
+    assert data.ncon == 1
+    return WornSkin(skin, model, "link", **pose).touches(data).forces_n
+
+
+def test_what_presses_the_rest_of_a_geom_is_no_press(skin):
+    plate, flat = 'type="box" size="0.05 0.05 0.02"', dermis.Skin.load("skin16")
+    worn = {"position": [0, 0, 0.02]}
+    assert on_a_geom(plate, ("0 0 1", "0.01 0 0.034", -2.0), flat, **worn) == pytest.approx([2.0])
+    assert not len(on_a_geom(plate, ("0 0 1", "0.01 0 -0.034", 2.0), flat, **worn)), "from below"
+    rod = 'type="cylinder" size="0.05 0.5"'
+    assert on_a_geom(rod, ("1 0 0", "0.064 0 0.14", -3.0), skin) == pytest.approx([3.0])
+    assert not len(on_a_geom(rod, ("1 0 0", "0.064 0 0.16", -3.0), skin)), "beyond the end"
+
+
+@pytest.mark.parametrize("pose", [{"rotation": np.diag([1.0, 1.0, -1.0])}, {"position": [np.nan, 0, 0]}, {"merge_m": -1.0}])
+def test_poses_that_are_none_are_refused(skin, pose):
+    with pytest.raises(dermis.DermisError, match=f"`{next(iter(pose))}` is"):
+        WornSkin(skin, settled(1)[0], "link", **pose)

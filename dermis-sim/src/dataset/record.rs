@@ -5,6 +5,7 @@ use crate::dataset::file::{Label, Tensor};
 use crate::dataset::generator::Generator;
 use crate::dataset::recipe::{Recipe, Touch};
 use crate::dataset::sample::TOUCH_COLUMNS;
+use dermis::design::{DesignError, SkinDesign};
 use dermis::linalg::SimdLevel;
 use dermis::text::hexadecimal;
 use serde::{Deserialize, Serialize};
@@ -182,6 +183,29 @@ impl Record {
         }
         let (path, there) = (Self::path(folder), self.design.sha256.clone());
         Err(DatasetError::Mismatch { path, field: "design.sha256".into(), there, asked })
+    }
+
+    /// The table of the design in which it differs from another one, so that its frames are not those of that skin; bodies are
+    /// compared by their meshes.
+    ///
+    /// # Errors
+    /// A text that is no design.
+    pub fn other_table(&self, design: &SkinDesign) -> Result<Option<&'static str>, DesignError> {
+        let own = SkinDesign::parse(&self.design.text, &self.design.name)?;
+        // Places of electrodes that are groups of a mesh file are not numbers, and equal no other.
+        let tables = |design: &SkinDesign| {
+            let SkinDesign { sheet, electrodes, protocol, image, mesh, .. } = design;
+            [
+                format!("{sheet:?}"),
+                format!("{electrodes:?}"),
+                format!("{protocol:?}"),
+                format!("{image:?}"),
+                format!("{mesh:?}"),
+            ]
+        };
+        let names = ["sheet", "electrodes", "protocol", "image", "mesh"];
+        let mut pairs = names.into_iter().zip(tables(&own).into_iter().zip(tables(design)));
+        Ok(pairs.find(|(_, (own, other))| own != other).map(|(name, _)| name))
     }
 
     /// Number of files.

@@ -257,6 +257,10 @@ fn another_design_seed_or_machine_is_refused_and_named() {
     mesh.mesh.hash = "0".into();
     assert!(refused(&mesh).contains("`mesh.hash` is"));
     assert!(record.check_design(folder.path(), DISK).is_ok());
+    // Another name is no other skin; another protocol is one on the same mesh.
+    assert_eq!(record.other_table(&SkinDesign { name: "same".into(), ..design.clone() }).unwrap(), None);
+    let protocol = design.protocol.clone().with_amplitude_only(true);
+    assert_eq!(record.other_table(&SkinDesign { protocol, ..design.clone() }).unwrap(), Some("protocol"));
     let error = record.check_design(folder.path(), "name = \"other\"").unwrap_err();
     assert!(matches!(&error, DatasetError::Mismatch { field, .. } if field == "design.sha256"), "{error}");
 }

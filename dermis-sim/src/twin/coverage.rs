@@ -400,8 +400,7 @@ impl Basis {
     /// condition number.
     fn orthonormalise(&mut self, polynomials: &mut Polynomials) {
         let count = polynomials.products.len();
-        let mut combinations = Matrix::zeros(count, count);
-        (0..count).for_each(|k| *combinations.at_mut(k, k) = 1.0);
+        let mut combinations = Matrix::identity(count);
         for _ in 0..2 {
             for k in 0..count {
                 self.combinations = Some(combinations);

@@ -142,6 +142,7 @@ fn sheet(design: &SkinDesign) -> Result<(), Problem> {
 /// Checks one electrode: its size, its place, its contact impedance.
 fn electrode(SkinDesign { body, sheet, .. }: &SkinDesign, index: usize, electrode: &Electrode) -> Result<(), Problem> {
     let wrong = |message: String| problem(Place::Electrode(index), format!("electrode {index} {message}"));
+    let wrong_shape = |message: String| problem(Place::Shape(index), format!("electrode {index} {message}"));
     let Electrode { centre_m, shape, contact_impedance } = *electrode;
     if shape == ElectrodeShape::Group {
         return impedance(index, contact_impedance, None);
@@ -155,11 +156,11 @@ fn electrode(SkinDesign { body, sheet, .. }: &SkinDesign, index: usize, electrod
         ElectrodeShape::Point | ElectrodeShape::Group => ("", 1.0),
     };
     if !(size_m > 0.0 && size_m.is_finite()) {
-        return Err(wrong(format!("has {size_key} = {size_m}: it must be positive and finite")));
+        return Err(wrong_shape(format!("has {size_key} = {size_m}: it must be positive and finite")));
     }
     if size_m < SMALLEST_ELECTRODE_M {
         let message = format!("has {size_key} = {size_m} m: it must be at least {SMALLEST_ELECTRODE_M} m");
-        return Err(wrong(message).fix("lengths are in metres"));
+        return Err(wrong_shape(message).fix("lengths are in metres"));
     }
     if let Some((where_it_is, limits)) = off_body(body, centre_m) {
         return Err(wrong(format!("leaves the body: its centre is at {where_it_is}, but the body {limits}"))
@@ -175,7 +176,7 @@ fn electrode(SkinDesign { body, sheet, .. }: &SkinDesign, index: usize, electrod
                     millimetres(2.0 * radius_m),
                     millimetres(room_m)
                 );
-                return Err(wrong(message).fix("radius_m is in metres"));
+                return Err(wrong_shape(message).fix("radius_m is in metres"));
             }
         }
         ElectrodeShape::Arc { length_m } => arc(body, index, electrode, length_m)?,
@@ -219,7 +220,7 @@ fn impedance(index: usize, value: f64, ratio: Option<f64>) -> Result<(), Problem
 
 /// Checks that an arc is on an edge and shorter than it.
 fn arc(body: &Body, index: usize, electrode: &Electrode, length_m: f64) -> Result<(), Problem> {
-    let wrong = |message: String| problem(Place::Electrode(index), format!("electrode {index} {message}"));
+    let wrong = |message: String| problem(Place::Shape(index), format!("electrode {index} {message}"));
     let Some(chart) = body.chart() else {
         return Err(wrong("is an arc, which a mesh file or a polygon cannot hold".into())
             .fix("use a disc or a point, or groups of edges in the file"));

@@ -33,6 +33,7 @@ pub(super) fn fabrication(design: &SkinDesign) -> Result<(), Problem> {
     wall(&design.body, &options)?;
     flange(&design.body, &options)?;
     bores(design, &options)?;
+    seam(&design.body, &options)?;
     multiplexers(design)?;
     patches(&design.body, &options)
 }
@@ -117,6 +118,20 @@ fn flange(body: &Body, options: &FabricationOptions) -> Result<(), Problem> {
     Ok(())
 }
 
+fn seam(body: &Body, options: &FabricationOptions) -> Result<(), Problem> {
+    if body.chart().is_some_and(|chart| chart.period_m().is_some()) {
+        return Ok(());
+    }
+    for (key, value) in [("seam_theta_rad", options.seam_theta_rad), ("overlap_m", options.overlap_m)] {
+        if value != 0.0 {
+            let message =
+                format!("`{key}` is {value}, but the patterns of this body have no seam: a cylinder's have one");
+            return Err(wrong(key, message).fix(format!("leave `{key}` out")));
+        }
+    }
+    Ok(())
+}
+
 /// Bores that meet, or that leave hardly anything between them, at the surface or at the inner face of the wall.
 fn bores(design: &SkinDesign, options: &FabricationOptions) -> Result<(), Problem> {
     let Some(bores) = design.bores() else { return Ok(()) };
@@ -150,7 +165,12 @@ pub(super) fn multiplexers(design: &SkinDesign) -> Result<(), Problem> {
         let message = format!("{given} inputs for {count} electrodes");
         return Err(wrong("inputs", message).fix("give one for each electrode, in the order of their numbers"));
     }
-    let most = options.multiplexers.map_or(usize::MAX, |multiplexers| multiplexers.saturating_mul(per_one));
+    let largest = MAX_INPUTS / per_one;
+    if let Some(given) = options.multiplexers.filter(|given| *given > largest) {
+        let message = format!("{given} multiplexers on a line: the firmware's table has room for {largest}");
+        return Err(wrong("multiplexers", message).fix("leave `multiplexers` out: it is then as many as needed"));
+    }
+    let most = options.multiplexers.map_or(usize::MAX, |multiplexers| multiplexers * per_one);
     if count >= most {
         let message = format!(
             "{count} electrodes are more than {} free inputs of {most}: the reference resistor takes one",

@@ -28,6 +28,7 @@ pub(super) enum Place {
     Region(usize),
     Electrodes,
     Electrode(usize),
+    Shape(usize),
     ContactImpedance,
     Protocol,
     Image,
@@ -138,8 +139,9 @@ fn locate(text: &str, file: &DesignFile, place: Place) -> Range<usize> {
         }
         Place::Region(index) => file.sheet.value.regions[index].span.clone(),
         Place::Electrodes => electrodes.layout.span.clone(),
-        Place::Electrode(index) => match &electrodes.layout.value {
-            LayoutTable::Positions(list) => list[index].span.clone(),
+        Place::Electrode(index) | Place::Shape(index) => match (&electrodes.layout.value, place) {
+            (LayoutTable::Positions(list), _) => list[index].span.clone(),
+            (_, Place::Shape(_)) => electrodes.shape.span.clone(),
             _ => electrodes.layout.span.clone(),
         },
         Place::ContactImpedance => {

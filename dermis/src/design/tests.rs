@@ -134,7 +134,9 @@ fn electrodes_that_leave_the_body_or_overlap_are_named() {
     let error = broken("shape.disc.radius_m = 0.004", "shape.disc.radius_m = 4.0");
     assert!(error.contains("electrode 0 is larger than the body: 8000 mm across"), "{error}");
     let error = broken("shape.disc.radius_m = 0.004", "shape.disc.radius_m = 0.0");
-    assert!(error.contains("electrode 0 has radius_m = 0: it must be positive"), "{error}");
+    let line = line_of("shape.disc.radius_m");
+    let expected = format!("skin.toml:{line}: electrode 0 has radius_m = 0: it must be positive");
+    assert!(error.starts_with(&expected), "{error}");
     let error = broken("shape.disc.radius_m = 0.004", "shape.arc.length_m = 0.004");
     assert!(error.contains("electrode 0 needs `contact_impedance_ohm_m`"), "{error}");
 }
@@ -483,6 +485,12 @@ fn what_no_workshop_can_make_is_named_with_its_line() {
     assert!(unmakeable("patch_pitch_m = 0.010", "patch_pitch_m = 0.31").contains("do not fit on a body of 300 mm"));
     assert!(unmakeable("kerf_m = 0.0002", "kerf_m = 0.002").contains("wider than the gaps of 1 mm"));
     assert!(broken("kerf_m = 0.0002", "kerf_mm = 0.2").contains("did you mean `kerf_m`?"));
+    let error = broken("kerf_m = 0.0002", "kerf_m = 0.0002\nmultiplexers = 9999");
+    assert!(error.contains("9999 multiplexers on a line"), "{error}");
+    let mut flat = SkinDesign::shipped("skin16").unwrap();
+    flat.fabrication = Some(FabricationOptions { overlap_m: 0.005, ..flat.fabrication_options() });
+    let error = flat.check_fabrication().unwrap_err().to_string();
+    assert!(error.contains("`overlap_m` is 0.005, but the patterns of this body have no seam"), "{error}");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use crate::protocol::Protocol;
 use crate::stats::{rms, upper_median};
 use std::borrow::Cow;
 
-/// Two reciprocal channels contradict each other beyond this many standard deviations of their difference, ...
+/// Two reciprocal channels contradict each other beyond this many standard deviations of their difference in the frame, ...
 pub(crate) const UNLIKE_NOISES: f64 = 8.0;
 /// ... if it also exceeds this part of the larger of the two changes and of the root mean square change of all channels. (A
 /// touch that moves between the two measurements, and the errors of a real tank, are smaller.)
@@ -98,8 +98,9 @@ impl ReciprocalPairs {
     /// If the difference has fewer values than there are channels.
     pub fn without_spikes<'a>(&self, difference: &'a [f64]) -> Cow<'a, [f64]> {
         let usual = rms(difference.iter().copied());
+        let noises = UNLIKE_NOISES * self.noise_ratio(difference);
         let known = || self.pairs.iter().filter_map(|pair| Some((pair, pair.changes(difference)?)));
-        let are_unlike = |(pair, changes): &(&Pair, [f64; 2])| contradict(*changes, UNLIKE_NOISES * pair.sd_ohm, usual);
+        let are_unlike = |(pair, changes): &(&Pair, [f64; 2])| contradict(*changes, noises * pair.sd_ohm, usual);
         let unlike: Vec<_> = known().filter(are_unlike).collect();
         if unlike.is_empty() || unlike.len() as f64 > MAX_UNLIKE * known().count() as f64 {
             return Cow::Borrowed(difference);
@@ -132,6 +133,22 @@ impl ReciprocalPairs {
         let ratio = upper_median(&disagreements).map_or(1.0, |median| median / NOISE_MEDIAN);
         let usual = 1.0 + USUAL_SD * MEDIAN_SD / (disagreements.len() as f64).sqrt();
         if ratio > usual { ratio } else { 1.0 }
+    }
+
+    /// Whether a difference (ohm) is noise alone: its noise is [larger](Self::noise_ratio) than that of the channels, and what
+    /// reciprocal channels have in common is not larger than what they differ by, but for chance. The ratio of the two sums of squares
+    /// is then that of the F distribution, of standard deviation `2 / sqrt(pairs)` around 1.
+    ///
+    /// # Panics
+    /// If the difference has fewer values than there are channels.
+    pub fn is_noise_alone(&self, difference: &[f64]) -> bool {
+        if self.noise_ratio(difference) == 1.0 {
+            return false;
+        }
+        let known = || self.pairs.iter().filter_map(|pair| Some((pair.changes(difference)?, pair.sd_ohm)));
+        let common: f64 = known().map(|([a, b], sd_ohm)| ((a + b) / sd_ohm).powi(2)).sum();
+        let apart: f64 = known().map(|([a, b], sd_ohm)| ((a - b) / sd_ohm).powi(2)).sum();
+        common <= (1.0 + USUAL_SD * 2.0 / (known().count() as f64).sqrt()) * apart
     }
 }
 
@@ -175,11 +192,14 @@ mod tests {
             let touched = with_noise(1.0);
             assert_eq!(pairs.noise_ratio(&touched), 1.0);
             // Where the touch is larger than the noise it hides a part of it.
-            let [alone, beside] = [noise.iter().map(|value| 3.0 * value).collect(), with_noise(3.0)];
-            let [alone, beside] = [alone, beside].map(|frame| pairs.noise_ratio(&frame));
             let noisy: Vec<f64> = noise.iter().map(|value| 3.0 * value).collect();
+            let [alone, beside] = [&noisy, &with_noise(3.0)].map(|frame| pairs.noise_ratio(frame));
             assert_eq!([&unknown, &broken].map(|pairs| pairs.noise_ratio(&noisy)), [1.0; 2]);
             assert!((2.5..3.5).contains(&alone) && (1.0..3.5).contains(&beside), "{alone}, {beside}");
+            assert!(pairs.is_noise_alone(&noisy) && !pairs.is_noise_alone(&noise));
+            let noisier: Vec<f64> = noise.iter().map(|value| 4.0 * value).collect();
+            assert!(matches!(pairs.without_spikes(&noisier), Cow::Borrowed(_)), "wide noise is no spike");
+            assert!(![1.0, 3.0].iter().any(|ratio| pairs.is_noise_alone(&with_noise(*ratio))));
             // The channels of an instrument have gains of their own.
             let gain = |channel: usize| 1.0 + 0.03 * noise[(channel * 7) % count];
             let strong: Vec<f64> = (0..count).map(|c| gain(c) * 10.0 * touch(c) + noise[c]).collect();

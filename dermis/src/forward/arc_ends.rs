@@ -4,16 +4,18 @@
 //! At the end of an electrode on an edge the potential behaves like `r^(1/2)` down to the length `l = s z` of the
 //! contact. Linear elements of size `h` represent it with an error of the order `h`, so that the resistances between the
 //! electrodes are too low. An arc has no exact near field like a disc. So the untouched skin is solved on the mesh, with
-//! the transfer impedance `S`, and on copies that are refined at the ends and then everywhere, with `S_fine`. From then on the
-//! matrix `M` with
+//! the transfer impedance `S`, and on copies that are refined at the ends and then everywhere, with `S_fine`. The error is that of
+//! the sheet, so what an even current meets in the contact of each electrode, `C = z / w` on the diagonal, is left out. From
+//! then on the matrix `M` with
 //!
-//! `M S M' = S_fine`
+//! `M (S - C) M' = S_fine - C`
 //!
-//! is applied to every solution: an electrode's potential is that of the mesh times `M`, and currents `I` of the
-//! electrodes are currents `M' I` of the mesh. `M` is near 1, and exact for the untouched skin and for every multiple of
-//! its resistances; of other changes it corrects the part of first order.
+//! is applied to every solution: `S` becomes `M S M' + K` with `K = C - M C M'`, so that an electrode's potential changes by
+//! that of the mesh times `M`. `M` is near 1, and exact for the untouched skin; of changes it corrects the part of first order, and
+//! none of the contacts, which remain where the sheet conducts far better.
 
-use super::{ElectrodeNetwork, ForwardModel};
+use super::network::series;
+use super::{ElectrodeNetwork, ForwardError, ForwardModel};
 use crate::linalg::Matrix;
 use crate::mesh::{Mesh, Refined};
 use std::collections::BTreeMap;
@@ -23,6 +25,17 @@ use std::collections::BTreeMap;
 const HALVINGS: usize = 7;
 /// Iterations for `M`; each multiplies the misfit by the deviation of `M` from 1, a few per cent.
 const ITERATIONS: usize = 8;
+
+/// The correction of transfer impedances `S` of a mesh: `M S M' + K`.
+#[derive(Debug)]
+pub(super) struct Transform {
+    /// `M`, electrodes x electrodes; it keeps the constant, and so does its transpose.
+    pub matrix: Matrix,
+    /// `K`, electrodes x electrodes, ohm.
+    pub constant: Matrix,
+    /// The size of each electrode, m2, or m of an arc; 0 of a point.
+    pub sizes: Vec<f64>,
+}
 
 /// The models on the finer meshes, for a skin and its instances with other resistances.
 #[derive(Debug)]
@@ -52,14 +65,14 @@ impl ArcEnds {
         Ok(Some(ArcEnds { graded: graded?, finest: finest? }))
     }
 
-    /// The transform `M`, electrodes x electrodes, of the skin or an instance of it with other resistances.
-    pub(super) fn transform(&self, model: &ForwardModel) -> crate::Result<Matrix> {
+    /// The transform of the skin or an instance of it with other resistances.
+    pub(super) fn transform(&self, model: &ForwardModel) -> crate::Result<Transform> {
         let own = || model.network(model.rest_conductivity());
         let (own, (graded, finest)) =
             rayon::join(own, || rayon::join(|| self.graded.impedances(model), || self.finest.impedances(model)));
         let (own, graded, mut target) = (own?, graded?, finest?);
         extrapolate(&mut target, &graded);
-        Ok(matching(&own, &target))
+        Ok(Transform::of(own, target, model)?)
     }
 
     /// The derivatives of the untouched frame by the contact impedances: channels x electrodes. The corrected untouched
@@ -109,14 +122,45 @@ fn of_parents(values: &[f64], parents: &[usize]) -> Vec<f64> {
     parents.iter().map(|&parent| values[parent]).collect()
 }
 
+impl Transform {
+    /// From the transfer impedances of the mesh and of the limit of finer ones.
+    fn of(own: ElectrodeNetwork, mut target: Matrix, model: &ForwardModel) -> Result<Self, ForwardError> {
+        let sizes: Vec<f64> = (0..target.rows).map(|electrode| model.mesh().electrode_size(electrode)).collect();
+        let contacts_ohm = contacts_ohm(model.contact_impedances(), &sizes);
+        let sheet = own.with_series(&contacts_ohm.iter().map(|ohm| -ohm).collect::<Vec<f64>>())?;
+        subtract(&mut target, &series(&contacts_ohm));
+        Ok(Transform::new(matching(&sheet, &target), sizes, model.contact_impedances()))
+    }
+
+    fn new(matrix: Matrix, sizes: Vec<f64>, contact_impedances: &[f64]) -> Self {
+        let mut constant = series(&contacts_ohm(contact_impedances, &sizes));
+        let of_mesh = matrix.times(&constant).times(&matrix.transposed());
+        subtract(&mut constant, &of_mesh);
+        Transform { matrix, constant, sizes }
+    }
+
+    /// The same matrix with other contact impedances.
+    pub(super) fn with_contacts(&self, contact_impedances: &[f64]) -> Self {
+        Transform::new(self.matrix.clone(), self.sizes.clone(), contact_impedances)
+    }
+}
+
+/// What an even current meets in the contact of each electrode, ohm.
+fn contacts_ohm(impedances: &[f64], sizes: &[f64]) -> Vec<f64> {
+    let of = |(impedance, size): (&f64, &f64)| if *size > 0.0 { impedance / size } else { 0.0 };
+    impedances.iter().zip(sizes).map(of).collect()
+}
+
+fn subtract(from: &mut Matrix, other: &Matrix) {
+    from.values.iter_mut().zip(&other.values).for_each(|(value, other)| *value -= other);
+}
+
 /// `M` with `M S M' = target`, from `M = 1` by adding half of the misfit times `Y`: to first order in the misfit both
 /// sides of the product take half of it.
 fn matching(own: &ElectrodeNetwork, target: &Matrix) -> Matrix {
-    let count = target.rows;
-    let mut transform = Matrix::zeros(count, count);
-    (0..count).for_each(|i| *transform.at_mut(i, i) = 1.0);
+    let mut transform = Matrix::identity(target.rows);
     for _ in 0..ITERATIONS {
-        let mut misfit = own.transformed_impedance(&transform);
+        let mut misfit = transform.times(&own.transfer_impedance).times(&transform.transposed());
         misfit.values.iter_mut().zip(&target.values).for_each(|(value, target)| *value = 0.5 * (target - *value));
         let step = misfit.times(&own.admittance);
         transform.values.iter_mut().zip(&step.values).for_each(|(value, step)| *value += step);

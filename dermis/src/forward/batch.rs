@@ -1,6 +1,7 @@
 //! Eight conductivities solved simultaneously.
 
 use super::assembly::Assembly;
+use super::network::series;
 use super::{ForwardError, ForwardModel};
 use crate::linalg::{AlignedVec, BatchFactor, BatchPlan, BatchWorkspace, Entries, LANES, Matrix, SimdLevel};
 use pulp::{Simd, WithSimd};
@@ -49,9 +50,12 @@ impl ForwardModel {
     pub(super) fn read_frames(&self, impedances: &mut Vec<[f64; LANES]>, frames: &mut [[f64; LANES]]) {
         assert_eq!(frames.len(), self.protocol().channel_count(), "a value per channel");
         if let Some(transform) = self.transform() {
-            *impedances = transformed(transform, impedances);
+            *impedances = transformed(&transform.matrix, impedances);
+            add_to_each(impedances, &transform.constant);
         }
-        add_series(self.series_resistances(), impedances);
+        if self.series_resistances().iter().any(|&resistance| resistance != 0.0) {
+            add_to_each(impedances, &series(self.series_resistances()));
+        }
         let count = self.mesh().electrodes.len();
         for (value, channel) in frames.iter_mut().zip(self.protocol().channels()) {
             let ([source, sink], [plus, minus]) = (channel.drive, channel.measure);
@@ -64,19 +68,10 @@ impl ForwardModel {
     }
 }
 
-/// As [`ElectrodeNetwork::with_series`](super::ElectrodeNetwork) does it.
-fn add_series(resistances: &[f64], impedances: &mut [[f64; LANES]]) {
-    let count = resistances.len();
-    if resistances.iter().all(|&resistance| resistance == 0.0) {
-        return;
-    }
-    let mean = resistances.iter().sum::<f64>() / count as f64;
-    for (i, row) in impedances.chunks_exact_mut(count).enumerate() {
-        for (j, lanes) in row.iter_mut().enumerate() {
-            let own = if i == j { resistances[i] } else { 0.0 };
-            let series = own - (resistances[i] + resistances[j] - mean) / count as f64;
-            lanes.iter_mut().for_each(|value| *value += series);
-        }
+/// Adds a matrix to that of each lane.
+fn add_to_each(impedances: &mut [[f64; LANES]], matrix: &Matrix) {
+    for (lanes, other) in impedances.iter_mut().zip(&matrix.values) {
+        lanes.iter_mut().for_each(|value| *value += other);
     }
 }
 

@@ -14,7 +14,7 @@ use crate::protocol::Channel;
 impl ForwardModel {
     /// The derivative of the frame with respect to the contact impedance of each electrode, channels x electrodes, ohm
     /// per ohm m2 (on cells and faces) or per ohm m (on edges); zero for a point electrode. The [series
-    /// resistances](Self::series_resistances) and the correction at the ends of arcs are held constant.
+    /// resistances](Self::series_resistances) and the matrix of the correction at the ends of arcs are held constant.
     ///
     /// # Errors
     /// As [`solve`](Self::solve).
@@ -28,11 +28,24 @@ impl ForwardModel {
             for (channel, value) in channels.iter().enumerate() {
                 // A point has no contact impedance: its products are zero, and its value is arbitrary.
                 if self.mesh().electrode_size(electrode) > 0.0 {
-                    *jacobian.at_mut(channel, electrode) = admittance_squared * of_channel(&products, value);
+                    *jacobian.at_mut(channel, electrode) =
+                        admittance_squared * of_channel(&products, value) + self.of_constant(electrode, value);
                 }
             }
         }
         Ok(jacobian)
+    }
+
+    /// The derivative of what the correction at the ends of arcs adds to a channel: `(d_l m_l - (M' d)_l (M' m)_l) / w_l` with the
+    /// currents `d` and `m` of drive and measure pair, and the size `w_l`.
+    fn of_constant(&self, electrode: usize, Channel { drive, measure }: &Channel) -> f64 {
+        let Some(transform) = self.transform() else { return 0.0 };
+        let own = |[plus, minus]: [usize; 2]| {
+            f64::from(u8::from(plus == electrode)) - f64::from(u8::from(minus == electrode))
+        };
+        let of_mesh =
+            |[plus, minus]: [usize; 2]| transform.matrix.at(plus, electrode) - transform.matrix.at(minus, electrode);
+        (own(*drive) * own(*measure) - of_mesh(*drive) * of_mesh(*measure)) / transform.sizes[electrode]
     }
 
     /// The integrals over an electrode of the products of the drops `u - U` of all electrodes' fields.

@@ -90,7 +90,8 @@ impl BatchSolver {
     /// # Panics
     /// If the length of `by_frame` differs from the protocol, or the solution is of another mesh.
     pub fn gradient(&mut self, kept: &KeptSolution, by_frame: &[[f64; LANES]]) -> Gradient {
-        let by_entry = self.by_entry(kept, by_frame);
+        let by_impedance = self.by_impedance(by_frame);
+        let by_entry = self.by_entry(kept, &by_impedance);
         let model = &self.model;
         let mut gradient = Gradient {
             conductivity: self.by_conductivity(&by_entry),
@@ -102,6 +103,7 @@ impl BatchSolver {
             of_entry[entry] = value;
         }
         add_contacts(model, &of_entry, &mut gradient);
+        self.add_constant(&by_impedance, &mut gradient);
         add_cells(model, &of_entry, &kept.conductivity, &mut gradient.nodes);
         gradient
     }
@@ -111,12 +113,12 @@ impl BatchSolver {
     /// # Panics
     /// As [`gradient`](Self::gradient).
     pub fn conductivity_gradient(&mut self, kept: &KeptSolution, by_frame: &[[f64; LANES]]) -> Vec<[f64; LANES]> {
-        let by_entry = self.by_entry(kept, by_frame);
+        let by_entry = self.by_entry(kept, &self.by_impedance(by_frame));
         self.by_conductivity(&by_entry)
     }
 
-    /// The derivatives with respect to the values of the system's entries, in the order of the factorisation.
-    fn by_entry(&mut self, kept: &KeptSolution, by_frame: &[[f64; LANES]]) -> Vec<[f64; LANES]> {
+    /// The derivatives with respect to the transfer impedances of the electrodes.
+    fn by_impedance(&self, by_frame: &[[f64; LANES]]) -> Vec<[f64; LANES]> {
         let channels = self.model.protocol().channels();
         assert_eq!(by_frame.len(), channels.len(), "a value per channel");
         let count = self.plan.kept_count();
@@ -129,10 +131,28 @@ impl BatchSolver {
                 }
             }
         }
-        if let Some(transform) = self.model.transform() {
-            by_impedance = transformed(&transform.transposed(), &by_impedance);
+        by_impedance
+    }
+
+    /// The contact impedances in what the correction at the ends of arcs adds to the transfer impedances.
+    fn add_constant(&self, by_impedance: &[[f64; LANES]], gradient: &mut Gradient) {
+        let Some(transform) = self.model.transform() else { return };
+        let of_mesh = transformed(&transform.matrix.transposed(), by_impedance);
+        let count = self.plan.kept_count();
+        for (electrode, size) in transform.sizes.iter().enumerate().filter(|(_, size)| **size > 0.0) {
+            let at = electrode * count + electrode;
+            for lane in 0..LANES {
+                gradient.contact_impedances[electrode][lane] += (by_impedance[at][lane] - of_mesh[at][lane]) / size;
+            }
         }
-        let half = product(&kept.impedances, &by_impedance, count);
+    }
+
+    /// The derivatives with respect to the values of the system's entries, in the order of the factorisation, from those with
+    /// respect to the transfer impedances of the electrodes.
+    fn by_entry(&mut self, kept: &KeptSolution, by_impedance: &[[f64; LANES]]) -> Vec<[f64; LANES]> {
+        let count = self.plan.kept_count();
+        let of_mesh = self.model.transform().map(|transform| transformed(&transform.matrix.transposed(), by_impedance));
+        let half = product(&kept.impedances, of_mesh.as_deref().unwrap_or(by_impedance), count);
         let mut by_admittance = product(&half, &kept.impedances, count);
         by_admittance.iter_mut().flatten().for_each(|value| *value = -*value);
         let mut by_entry = vec![[0.0; LANES]; self.plan.entry_order().len()];

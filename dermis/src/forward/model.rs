@@ -1,5 +1,6 @@
 //! The forward model of one skin on one mesh.
 
+use super::arc_ends::Transform;
 use super::assembly::Assembly;
 use super::{ElectrodeNetwork, ForwardError, ModelFamily};
 use crate::design::SkinDesign;
@@ -18,7 +19,7 @@ pub struct ForwardModel {
     shared: Arc<Shared>,
     series_resistances: Vec<f64>,
     /// Between the electrodes and the mesh: the correction at the ends of arcs.
-    transform: Option<Arc<Matrix>>,
+    transform: Option<Arc<Transform>>,
 }
 
 #[derive(Debug)]
@@ -62,7 +63,7 @@ impl ForwardModel {
     }
 
     /// The model with another correction at the ends of arcs.
-    pub(super) fn with_transform(self, transform: Option<Matrix>) -> Self {
+    pub(super) fn with_transform(self, transform: Option<Transform>) -> Self {
         ForwardModel { transform: transform.map(Arc::new), ..self }
     }
 
@@ -151,7 +152,7 @@ impl ForwardModel {
         };
         Ok(ForwardModel {
             series_resistances: self.series_resistances.iter().zip(&mesh.electrodes).map(series).collect(),
-            transform: self.transform.clone(),
+            transform: self.transform().map(|transform| Arc::new(transform.with_contacts(contact_impedances))),
             shared: Arc::new(Shared {
                 protocol: self.protocol().clone(),
                 contact_impedances: contact_impedances.to_vec(),
@@ -163,9 +164,8 @@ impl ForwardModel {
         })
     }
 
-    /// The correction at the ends of arcs, electrodes x electrodes: the potentials of the electrodes are those of the mesh
-    /// times this matrix; its transpose gives the currents of the mesh.
-    pub(super) fn transform(&self) -> Option<&Matrix> {
+    /// The correction at the ends of arcs.
+    pub(super) fn transform(&self) -> Option<&Transform> {
         self.transform.as_deref()
     }
 
@@ -340,7 +340,7 @@ impl Solver {
         match self.model.transform() {
             None => Ok((potentials, network.transfer_impedance)),
             Some(transform) => {
-                let currents = transform.transposed();
+                let currents = transform.matrix.transposed();
                 Ok((potentials.times(&currents), network.transfer_impedance.times(&currents)))
             }
         }

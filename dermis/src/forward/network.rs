@@ -1,6 +1,7 @@
 //! The resistor network between the electrodes that remains after elimination of all nodes.
 
 use super::ForwardError;
+use super::arc_ends::Transform;
 use crate::frame::Frame;
 use crate::linalg::{Cholesky, Matrix};
 use crate::protocol::Protocol;
@@ -25,8 +26,8 @@ impl ElectrodeNetwork {
         Ok(ElectrodeNetwork { admittance, transfer_impedance })
     }
 
-    /// The network with a resistance in series with each electrode, ohm: `S' = S + P diag(r) P`, `P` the projector onto
-    /// currents with zero sum.
+    /// The network with a resistance in series with each electrode, ohm: `S' = S + P diag(r) P`, `P` the projector onto currents
+    /// with zero sum.
     ///
     /// # Errors
     /// Negative resistances so large that the network is not positive.
@@ -34,16 +35,8 @@ impl ElectrodeNetwork {
     /// # Panics
     /// If the number of resistances differs from the number of electrodes.
     pub fn with_series(mut self, resistances: &[f64]) -> Result<Self, ForwardError> {
-        let count = resistances.len();
-        assert_eq!(count, self.transfer_impedance.rows, "a resistance for each electrode");
-        let mean = resistances.iter().sum::<f64>() / count as f64;
-        for i in 0..count {
-            for j in 0..count {
-                let own = if i == j { resistances[i] } else { 0.0 };
-                let shared = (resistances[i] + resistances[j] - mean) / count as f64;
-                *self.transfer_impedance.at_mut(i, j) += own - shared;
-            }
-        }
+        assert_eq!(resistances.len(), self.transfer_impedance.rows, "a resistance for each electrode");
+        add(&mut self.transfer_impedance, &series(resistances));
         self.admittance = pseudo_inverse(&self.transfer_impedance)?;
         Ok(self)
     }
@@ -90,19 +83,14 @@ impl ElectrodeNetwork {
         }
     }
 
-    /// The network of electrodes whose potentials are those of these times a matrix `M`: `S' = M S M'`. `M` keeps the
-    /// constant, and so does its transpose.
+    /// The network with corrected transfer impedances, `S' = M S M' + K`.
     ///
     /// # Errors
-    /// A singular matrix.
-    pub(super) fn transformed(&self, transform: &Matrix) -> Result<Self, ForwardError> {
-        let transfer_impedance = self.transformed_impedance(transform);
+    /// A network that is not positive.
+    pub(super) fn transformed(&self, Transform { matrix, constant, .. }: &Transform) -> Result<Self, ForwardError> {
+        let mut transfer_impedance = matrix.times(&self.transfer_impedance).times(&matrix.transposed());
+        add(&mut transfer_impedance, constant);
         Ok(ElectrodeNetwork { admittance: pseudo_inverse(&transfer_impedance)?, transfer_impedance })
-    }
-
-    /// `M S M'`.
-    pub(super) fn transformed_impedance(&self, transform: &Matrix) -> Matrix {
-        transform.times(&self.transfer_impedance).times(&transform.transposed())
     }
 
     /// The network of a skin whose conductances are all multiplied by a factor.
@@ -128,6 +116,25 @@ impl ElectrodeNetwork {
             *value = (s.at(source, plus) - s.at(source, minus)) - (s.at(sink, plus) - s.at(sink, minus));
         }
     }
+}
+
+/// What resistances in series with the electrodes, ohm, add to transfer impedances: `P diag(r) P`, `P` the projector onto currents
+/// with zero sum.
+pub(super) fn series(resistances: &[f64]) -> Matrix {
+    let count = resistances.len();
+    let mean = resistances.iter().sum::<f64>() / count as f64;
+    let mut series = Matrix::zeros(count, count);
+    for i in 0..count {
+        for j in 0..count {
+            let own = if i == j { resistances[i] } else { 0.0 };
+            *series.at_mut(i, j) = own - (resistances[i] + resistances[j] - mean) / count as f64;
+        }
+    }
+    series
+}
+
+fn add(to: &mut Matrix, other: &Matrix) {
+    to.values.iter_mut().zip(&other.values).for_each(|(value, other)| *value += other);
 }
 
 /// The pseudo-inverse of a symmetric matrix of order `L` whose null vector is the constant: with `c = trace(Y) / L` and

@@ -20,6 +20,13 @@ impl Matrix {
         Matrix { rows, columns, values: vec![0.0; rows * columns] }
     }
 
+    /// The identity.
+    pub fn identity(order: usize) -> Self {
+        let mut identity = Matrix::zeros(order, order);
+        (0..order).for_each(|at| *identity.at_mut(at, at) = 1.0);
+        identity
+    }
+
     /// One row.
     #[inline]
     pub fn row(&self, row: usize) -> &[f64] {

@@ -1,6 +1,6 @@
 //! Touch detection from the voltages only, without an image.
 
-use crate::estimate::noise::ChannelNoise;
+use crate::estimate::noise::{ChannelNoise, NoiseSource};
 use crate::pipeline::statistics::{Statistics, difference};
 use crate::protocol::Protocol;
 use serde::{Deserialize, Serialize};
@@ -32,7 +32,8 @@ const RELEASE: f64 = 0.6;
 
 impl TouchDetector {
     /// From untouched frames and the statistic of a difference with some noise, ohm; each half of them is compared with the mean and
-    /// the noise of the other half, because frames fit the statistics that they are part of better than new frames do.
+    /// the noise of the other half, because frames fit the statistics that they are part of better than new frames do. Frames that
+    /// are all equal show no noise: then the statistic is that of independent values of the noise that they are given.
     ///
     /// # Panics
     /// If there are fewer than four frames.
@@ -45,7 +46,12 @@ impl TouchDetector {
             let of = |frame| statistic(&difference(frame, &mean), noise.sd_ohm());
             half(own).map(of).collect::<Vec<f64>>()
         };
-        Self::new(&[statistics(0), statistics(1)].concat())
+        let noise = ChannelNoise::of(untouched, protocol).expect("four frames");
+        if noise.source() == NoiseSource::Scatter {
+            return Self::new(&[statistics(0), statistics(1)].concat());
+        }
+        let mean = statistic(noise.sd_ohm(), noise.sd_ohm());
+        Self::with_moments(mean, 2.0 * mean)
     }
 
     /// From the statistics of untouched frames.
@@ -58,7 +64,11 @@ impl TouchDetector {
         let mean = untouched.iter().sum::<f64>() / count;
         let variance = untouched.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
         // The variance of n frames has the relative standard error sqrt(2 / n): the true one may be that much larger.
-        let variance = variance * (1.0 + 2.0 * (2.0 / count).sqrt());
+        Self::with_moments(mean, variance * (1.0 + 2.0 * (2.0 / count).sqrt()))
+    }
+
+    /// From the mean and variance of the statistic of untouched frames.
+    fn with_moments(mean: f64, variance: f64) -> Self {
         let freedom = (2.0 * mean * mean / variance.max(f64::MIN_POSITIVE)).max(1.0);
         let spread = (2.0 / (9.0 * freedom)).sqrt();
         let threshold = mean * (1.0 - spread * spread + QUANTILE * spread).powi(3);
@@ -112,6 +122,20 @@ mod tests {
         assert_eq!((0..50_000).filter(|_| detector.update(draw(0.0))).count(), 0);
         assert!(detector.update(draw(4.0)));
         assert!(!detector.update(draw(0.0)));
+    }
+
+    /// Rounding is no touch of a skin whose frames are all equal, as those of a model.
+    #[test]
+    fn equal_frames_say_nothing_of_the_noise() {
+        let protocol = Protocol::adjacent_undriven(16).unwrap();
+        let count = protocol.channel_count();
+        let frame = vec![1.0; count];
+        let noise = ChannelNoise::of(&[frame.as_slice(); 8], &protocol).unwrap();
+        let of = |difference: &[f64], noise: &[f64]| statistic(difference, noise, &vec![false; count]);
+        let mut detector = TouchDetector::of(&[frame.as_slice(); 8], &protocol, of);
+        let plus = |part: f64| frame.iter().map(|value| part * value).collect::<Vec<f64>>();
+        assert!(!detector.update(of(&plus(0.0), noise.sd_ohm())) && !detector.update(of(&plus(1e-15), noise.sd_ohm())));
+        assert!(detector.update(of(&plus(0.1), noise.sd_ohm())));
     }
 
     #[test]

@@ -56,6 +56,9 @@ impl dyn Reconstruct + '_ {
     ) -> Result<Vec<Detection>, ReconstructError> {
         let difference = &search.detector.without_spikes(difference);
         self.reconstruct_into(difference, &mut image.values)?;
+        if search.detector.is_noise_alone(difference) {
+            return Ok(Vec::new());
+        }
         if let Some(contacts) = self.contacts(difference)? {
             let located =
                 |contact| Detection { contact: completed(contact, image, search.detector), signal: f64::INFINITY };

@@ -4,19 +4,26 @@ mod admm;
 mod gradients;
 
 use crate::design::TouchEffect;
+use crate::frame::Frame;
 use crate::image::PixelSpace;
 use crate::reconstruct::channels::{Channels, Difference};
 use crate::reconstruct::linearised::Linearised;
-use crate::reconstruct::{Reconstruct, ReconstructError, alpha, check_lengths};
+use crate::reconstruct::{MIN_UNTOUCHED_FRAMES, Reconstruct, ReconstructError, alpha, check_lengths};
 use admm::{Admm, Minimum};
 use gradients::Gradients;
 use std::sync::Arc;
+
+/// The least weight, as a part of that above which no single pixel differs in the images of the untouched frames. On 60 presses
+/// each on the twins `lab` of `skin16` and `cylinder30`, seed 3, errors with 0.1, 0.2 and 0.4 are 1.34, 1.27, 1.24 mm and 2.29, 2.17,
+/// 2.54 mm, and none is missed; with 0, 46 are missed on `skin16`.
+const OF_NOISE: f64 = 0.2;
 
 /// Options of a total-variation image.
 #[derive(Debug, Clone)]
 pub struct TotalVariationOptions {
     /// The weight of the variation, as a fraction of the weight above which no single pixel differs from a uniform
-    /// image.
+    /// image. Once the method is [adapted](Reconstruct::adapted) to untouched frames, it is at least a fifth of the weight above
+    /// which none differs in the image of any of them: little is left of noise then.
     pub alpha: f64,
     /// Channels that are excluded.
     pub excluded: Vec<usize>,
@@ -61,6 +68,8 @@ pub struct TotalVariation {
     gradients: Gradients,
     admm: Admm,
     options: TotalVariationOptions,
+    /// The weight that suppresses noise; 0 where it is not known.
+    least_weight: f64,
 }
 
 impl TotalVariation {
@@ -81,7 +90,7 @@ impl TotalVariation {
         let gradients = Gradients::new(&pixels)?;
         let admm = Admm::new(jacobian.as_ref(), gradients.clone(), &pixels.neighbours)?;
         let (options, channel_count) = (options.clone(), model.channel_count());
-        Ok(TotalVariation { pixels, channels, channel_count, jacobian, gradients, admm, options })
+        Ok(TotalVariation { pixels, channels, channel_count, jacobian, gradients, admm, options, least_weight: 0.0 })
     }
 
     /// `TV(x)`, m2.
@@ -98,7 +107,8 @@ impl TotalVariation {
         data.iter().zip(explained.iter()).map(|(d, e)| (d - e).powi(2)).sum::<f64>().sqrt()
     }
 
-    /// `lambda` for a difference: alpha times the weight above which no single pixel differs from a uniform image.
+    /// `lambda` for a difference: alpha times the weight above which no single pixel differs from a uniform image, or that of
+    /// noise if it is larger.
     ///
     /// # Errors
     /// A difference of the wrong length or with a value that is not finite.
@@ -108,10 +118,15 @@ impl TotalVariation {
     }
 
     fn weight_of(&self, data: &[f64]) -> f64 {
+        (self.options.alpha * self.steepest(data)).max(self.least_weight)
+    }
+
+    /// The weight above which no single pixel differs from a uniform image.
+    fn steepest(&self, data: &[f64]) -> f64 {
         let pull = self.admm.pull(&self.admm.residual(data, &self.admm.flat(data)));
         let steepest =
             pull.iter().zip(self.gradients.of_single_pixels()).map(|(pull, variation)| pull.abs() / variation);
-        self.options.alpha * steepest.filter(|value| value.is_finite()).fold(0.0, f64::max)
+        steepest.filter(|value| value.is_finite()).fold(0.0, f64::max)
     }
 
     fn minimise(&self, difference: &[f64]) -> Minimum {
@@ -135,6 +150,23 @@ impl Reconstruct for TotalVariation {
         let sign = self.options.touch.sign();
         values.iter_mut().zip(&image).for_each(|(value, x)| *value = sign * x);
         Ok(())
+    }
+
+    fn is_adaptable(&self) -> bool {
+        true
+    }
+
+    fn adapted(&self, _rest: &Frame, untouched: &[Frame]) -> Result<Option<Arc<dyn Reconstruct>>, ReconstructError> {
+        if untouched.len() < MIN_UNTOUCHED_FRAMES {
+            return Ok(None);
+        }
+        let weight = |frame: &Frame| {
+            check_lengths(frame, self.channel_count, &[], 0)?;
+            Ok(self.steepest(&self.admm.coordinates(&self.channels.gather(frame))))
+        };
+        let weights = untouched.iter().map(weight).collect::<Result<Vec<f64>, ReconstructError>>()?;
+        let least_weight = OF_NOISE * weights.into_iter().fold(0.0, f64::max);
+        Ok(Some(Arc::new(TotalVariation { least_weight, ..self.clone() })))
     }
 }
 

@@ -221,8 +221,8 @@ impl Refiner {
     /// Contacts that are more probably one become one, one that is more probably two becomes two, one that is more probably
     /// none is removed, and touches that were not detected are added, at the end of the list, with ids that no detected contact
     /// has. Where touches explain less than half of the change, or none is probable, the contacts are kept as they were detected,
-    /// with half of their confidence; where none is probable, and drift or noise that is larger than that of the
-    /// untouched frames explains more than half of it, there is none.
+    /// with half of their confidence; where none is probable, and drift since the untouched
+    /// frames explains more than half of it, there is none.
     ///
     /// # Panics
     /// If the difference has another length than the protocol.
@@ -261,9 +261,7 @@ impl Refiner {
         let fitted = fit.run(contacts.iter().enumerate().filter(|_| are_determined).map(start).collect());
         let residuals = fitted.state.sum_of_squares();
         let is_unexplained = residuals > (1.0 + misfit) * count && residuals > MAX_LEFT * square;
-        // More noise than in the untouched frames is as little a reason for a contact as drift is.
-        let is_noisy = noise_ratio > 1.0 && square * MAX_LEFT < self.responses.rank() as f64;
-        if fitted.state.touches.is_empty() && (is_noisy || self.responses.left_by_drift(difference) < MAX_LEFT) {
+        if fitted.state.touches.is_empty() && self.responses.left_by_drift(difference) < MAX_LEFT {
             contacts.clear();
             return;
         }

@@ -51,7 +51,8 @@ pub(super) fn four(surface: &Surface, contacts: &[Vec<Contact>], truths: &[Vec<C
         false_positives += found.false_positives.len();
         distances.extend(found.pairs.iter().map(|pair| pair.2));
     }
-    let all_found = all as f64 / contacts.len().max(1) as f64;
+    // Not a number without a frame.
+    let all_found = all as f64 / contacts.len() as f64;
     FourScore { frames: contacts.len(), all_found, localisation_m: Summary::of(&distances), misses, false_positives }
 }
 
