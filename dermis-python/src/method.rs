@@ -79,7 +79,8 @@ pub fn differences(
     let protocol = &skin.design().protocol;
     let (mut differences, is_single) = arrays::differences(frames, baseline, protocol.channel_count())?;
     for (frame, values) in differences.frames.iter().enumerate() {
-        let is_rest_finite = |channel: usize| differences.baseline.as_ref().is_none_or(|rest| rest[channel].is_finite());
+        let is_rest_finite =
+            |channel: usize| differences.baseline.as_ref().is_none_or(|rest| rest[channel].is_finite());
         let is_wrong = |&channel: &usize| !values[channel].is_finite() && is_rest_finite(channel);
         if let Some(channel) = (0..values.len()).find(is_wrong) {
             let message = format!("frame {frame}, channel {channel} is {}", values[channel]);

@@ -160,7 +160,11 @@ impl Pipeline {
         let method = method.unwrap_or_default();
         let force_tare = force || Calibration::is_named(&method);
         let settings = Settings { method, threshold, tare_frames, both_signs, force_tare, ..Settings::default() };
-        let feed = Mutex::new(Feed { pipeline: pipeline::Pipeline::new(methods, settings)?, next: 0, last: Timestamp::default() });
+        let feed = Mutex::new(Feed {
+            pipeline: pipeline::Pipeline::new(methods, settings)?,
+            next: 0,
+            last: Timestamp::default(),
+        });
         Ok(Pipeline { feed, skin: skin.get().skin().clone() })
     }
 
