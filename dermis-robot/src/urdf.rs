@@ -84,10 +84,10 @@ pub enum Shape {
     Visual,
 }
 
-/// The triangles of a link, in its frame, m, and its mesh files: STL, OBJ or PLY.
+/// The triangles of a link, in its frame, m, and its mesh files: STL, OBJ or PLY. Boxes, cylinders and spheres are triangles too.
 ///
 /// # Errors
-/// A file that is not URDF; a link that is not there or has no such mesh; a mesh that is not found or cannot be read.
+/// A file that is not URDF; a link that is not there or has no such shape; a mesh that is not found or cannot be read.
 pub fn link_triangles(urdf: &Path, link: &str, shape: Shape) -> Result<(Vec<[Point3; 3]>, Vec<PathBuf>), DesignError> {
     let name = urdf.display().to_string();
     let text = read(urdf)?;

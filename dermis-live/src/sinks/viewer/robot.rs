@@ -190,7 +190,7 @@ fn scene(robot: &Robot) -> Result<Value, LiveError> {
     };
     if let (Some(kinematics), Some(description)) = (robot.kinematics(), robot.description()) {
         for (index, link) in kinematics.links().iter().enumerate() {
-            // One without a mesh that can be read is drawn as rods to the links that it carries.
+            // One without a shape that can be read is drawn as rods to the links that it carries.
             let of_shape = |shape| link_triangles(description, link, shape).ok().map(|(triangles, _)| triangles);
             let triangles = of_shape(Shape::Visual)
                 .or_else(|| of_shape(Shape::Collision))
