@@ -203,7 +203,6 @@ impl File<'_> {
             .ok_or_else(|| self.error(node, format!("a {} without a name", node.tag_name().name()), None))
     }
 
-    /// Refuses parts of a joint that are misspelt or written twice: what is left out moves links.
     /// The surface of the boxes, cylinders and spheres of an element, m.
     fn solid(self, part: Node<'_, '_>) -> Result<Vec<[Point3; 3]>, DesignError> {
         /// Sides of what is round: its flat sides are within 0.2 % of the radius.
@@ -236,6 +235,7 @@ impl File<'_> {
         Ok(triangles)
     }
 
+    /// Refuses parts of a joint that are misspelt or written twice: what is left out moves links.
     fn check_parts(self, joint: Node<'_, '_>) -> Result<(), DesignError> {
         const PARTS: [(&str, &[&str]); 3] =
             [("origin", &["xyz", "rpy"]), ("axis", &["xyz"]), ("mimic", &["joint", "multiplier", "offset"])];

@@ -220,9 +220,9 @@ fn beyond_forces(rule: &Rule, skins: &[SkinReport]) -> Option<String> {
     ))
 }
 
-/// A frame of the model, touched near the middle of the skin: twice the conductance, or half of it, around a place.
+/// A frame of the model, touched near the middle of the skin: half the conductance more, or a third less, around a place.
 fn touched(skin: &Skin) -> Result<Vec<f64>, LiveError> {
-    const WIDTH_M: f64 = 0.01;
+    const WIDTH_M: f64 = 0.008;
     let (mesh, model) = (skin.mesh(), skin.forward());
     let middle_m = centroid(&mesh.nodes);
     let apart_m = |place: &&Point3| distance(**place, middle_m);
@@ -231,7 +231,7 @@ fn touched(skin: &Skin) -> Result<Vec<f64>, LiveError> {
     let sign = skin.design().sheet.touch.sign();
     let change = |cell: usize| {
         let away = distance(mesh.cell_centre(cell), place_m) / WIDTH_M;
-        (0.7 * sign * (-0.5 * away * away).exp()).exp()
+        (0.4 * sign * (-0.5 * away * away).exp()).exp()
     };
     let conductivity: Vec<f64> =
         model.rest_conductivity().iter().enumerate().map(|(cell, rest)| rest * change(cell)).collect();

@@ -39,8 +39,6 @@ __all__ = ["SimulatedRobot", "SimulatedSkin", "Touches", "Truth", "WornSkin", "d
 _WALL_M = 0.005
 # The farthest that a convex hull may stand off from its part of a skin, m: small against the errors of positions.
 _HULL_M = 0.0005
-
-
 # A contact point farther from the skin along the surface is beyond its edge, m: a flat triangle and a curved geom differ by less.
 _BESIDE_M = 0.002
 # A press has at least this part of its direction into the skin: 80 degrees from the normal.
@@ -65,8 +63,9 @@ class WornSkin:
     """A skin on a geom of a MuJoCo model.
 
     MuJoCo's contact points lie between the surfaces, inside the skin where it is penetrated: they are moved to the nearest
-    point of the skin. Points farther from it than `reach_m` and the depth of the contact, beyond its edge, or pressed from behind belong to the rest of the
-    geom and are left out. Several points of one body within `merge_m` of their mean are one press, as under a flat face.
+    point of the skin. Points farther from it than `reach_m` and the depth of the contact, beyond its edge, or pressed from
+    behind belong to the rest of the geom and are left out. Several points of one body within `merge_m` of their mean are one
+    press, as under a flat face.
 
     Args:
         skin: A `dermis.Skin`.

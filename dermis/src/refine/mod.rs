@@ -139,8 +139,8 @@ pub enum RefineError {
 }
 
 /// Touches that leave more than this part of a frame's change, and more than noise and misfit, are not what changed it: contacts
-/// are then kept as they were detected, with [half](DOUBT) of their confidence. Drift, or noise that is larger than that
-/// of the untouched frames, that leaves less of it, where no touch is probable, is what changed it: there is then no contact.
+/// are then kept as they were detected, with [half](DOUBT) of their confidence. Drift that leaves less of it, where
+/// no touch is probable, is what changed it: there is then no contact.
 const MAX_LEFT: f64 = 0.5;
 /// Fewer values than this per unknown of the fit do not determine the contacts of a frame.
 const VALUES_PER_UNKNOWN: usize = 4;
@@ -221,8 +221,8 @@ impl Refiner {
     /// Contacts that are more probably one become one, one that is more probably two becomes two, one that is more probably
     /// none is removed, and touches that were not detected are added, at the end of the list, with ids that no detected contact
     /// has. Where touches explain less than half of the change, or none is probable, the contacts are kept as they were detected,
-    /// with half of their confidence; where none is probable, and drift since the untouched
-    /// frames explains more than half of it, there is none.
+    /// with half of their confidence; where none is probable, and drift since the untouched frames explains
+    /// more than half of it, there is none.
     ///
     /// # Panics
     /// If the difference has another length than the protocol.
