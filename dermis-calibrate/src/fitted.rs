@@ -231,14 +231,6 @@ impl Fitted {
         }
     }
 
-    /// Refuses a folder to [write to](Self::save) that holds another method.
-    ///
-    /// # Errors
-    /// The folder of a network.
-    pub fn check_folder(folder: &Path) -> Result<(), CalibrateError> {
-        crate::folder::check_folder(folder)
-    }
-
     /// Why the forces of its labels are not used; `None` where they are, or where none is known.
     pub fn unused_forces(&self, labels: &[Label]) -> Option<UnusedForces> {
         match self {

@@ -158,11 +158,24 @@ impl Fitted {
         let card = std::fs::read(&path).map_err(|source| CalibrateError::Io { path, source })?;
         Ok(dermis::text::hexadecimal(&dermis::files::sha256(&card)))
     }
+
+    /// Refuses a folder to [write to](Self::save) that holds a network: it would be two methods then.
+    ///
+    /// # Errors
+    /// The folder of a network.
+    pub fn check_folder(folder: &Path) -> Result<(), CalibrateError> {
+        let path = folder.join(NETWORK);
+        if !path.exists() {
+            return Ok(());
+        }
+        let message = "the folder is that of a network: write the calibration to another one".into();
+        Err(CalibrateError::File { path, message })
+    }
 }
 
 /// Creates a folder. One that held a calibration holds none until its card is written again.
 fn begin(folder: &Path) -> Result<(), CalibrateError> {
-    check_folder(folder)?;
+    Fitted::check_folder(folder)?;
     let io = |path: &Path, source| CalibrateError::Io { path: path.to_path_buf(), source };
     std::fs::create_dir_all(folder).map_err(|source| io(folder, source))?;
     for card in [CARD, CORRECTION].map(|name| folder.join(name)) {
@@ -176,16 +189,6 @@ fn begin(folder: &Path) -> Result<(), CalibrateError> {
 
 /// The file by which a folder is known to be a network.
 const NETWORK: &str = "card.json";
-
-/// Refuses the folder of a network, which would be two methods then.
-pub(crate) fn check_folder(folder: &Path) -> Result<(), CalibrateError> {
-    let path = folder.join(NETWORK);
-    if !path.exists() {
-        return Ok(());
-    }
-    let message = "the folder is that of a network: write the calibration to another one".into();
-    Err(CalibrateError::File { path, message })
-}
 
 /// Reads the card of a design, of this version.
 fn read_card<T: DeserializeOwned>(path: &Path, design: &SkinDesign) -> Result<T, CalibrateError> {

@@ -468,11 +468,9 @@ impl Reader<'_> {
             }
             (_, None) => 0,
         };
-        let name_of_design = design.get_ref();
-        let design_path = match SkinDesign::SHIPPED.contains(&name_of_design.as_str()) {
-            true if !self.folder.join(name_of_design).exists() => name_of_design.clone(),
-            _ => self.beside(name_of_design),
-        };
+        let named = design.get_ref();
+        let is_shipped = SkinDesign::SHIPPED.contains(&named.as_str()) && !self.folder.join(named).exists();
+        let design_path = if is_shipped { named.clone() } else { self.beside(named) };
         let loaded = SkinDesign::load(&design_path).map_err(|error| match &error.source_text {
             Some(_) => error,
             None => self.error(design.span(), error.message.clone(), error.fix.as_deref()),

@@ -239,12 +239,13 @@ impl File<'_> {
     fn check_parts(self, joint: Node<'_, '_>) -> Result<(), DesignError> {
         const PARTS: [(&str, &[&str]); 3] =
             [("origin", &["xyz", "rpy"]), ("axis", &["xyz"]), ("mimic", &["joint", "multiplier", "offset"])];
-        for (tag, keys) in PARTS {
-            let mut parts = joint.children().filter(|child| child.has_tag_name(tag));
-            let (first, second) = (parts.next(), parts.next());
-            if let Some(second) = second {
+        for tag in PARTS.map(|(tag, _)| tag).into_iter().chain(["parent", "child", "limit"]) {
+            if let Some(second) = joint.children().filter(|child| child.has_tag_name(tag)).nth(1) {
                 return Err(self.error(second, format!("a second <{tag}> of one joint"), Some("write one")));
             }
+        }
+        for (tag, keys) in PARTS {
+            let first = joint.children().find(|child| child.has_tag_name(tag));
             let attributes = first.into_iter().flat_map(|part| part.attributes());
             if let Some(wrong) = attributes.map(|attribute| attribute.name()).find(|key| !keys.contains(key)) {
                 let fix = format!("the attributes of <{tag}> are {}", keys.join(", "));
@@ -253,11 +254,6 @@ impl File<'_> {
                     format!("<{tag}> has no attribute `{wrong}`"),
                     Some(&fix),
                 ));
-            }
-        }
-        for tag in ["parent", "child", "limit"] {
-            if let Some(second) = joint.children().filter(|child| child.has_tag_name(tag)).nth(1) {
-                return Err(self.error(second, format!("a second <{tag}> of one joint"), Some("write one")));
             }
         }
         // Other programs write elements of their own: only a misspelt one is refused.

@@ -51,10 +51,7 @@ impl Arguments {
         to_standard_output(|out| {
             loop {
                 let frame = match replay.step() {
-                    Ok(None) => {
-                        is_read = true;
-                        return Ok(());
-                    }
+                    Ok(None) => break,
                     Ok(Some(Replayed::Frame(frame))) => frame,
                     Ok(Some(Replayed::Command(_))) => continue,
                     Err(error @ LiveError::Record(RecordError::Damaged { .. })) => {
@@ -75,6 +72,8 @@ impl Arguments {
                     _ => json_line(out, &FrameLine::new(&frame, &name))?,
                 }
             }
+            is_read = true;
+            Ok(())
         })?;
         drop(waiting);
         failure?;

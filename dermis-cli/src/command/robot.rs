@@ -151,10 +151,7 @@ impl ReplayArguments {
             loop {
                 let output = match replay.step() {
                     Ok(Some(output)) => output,
-                    Ok(None) => {
-                        is_read = true;
-                        return Ok(());
-                    }
+                    Ok(None) => break,
                     Err(error) => {
                         failure = Err(error);
                         return Ok(());
@@ -172,6 +169,8 @@ impl ReplayArguments {
                     json_line(out, &output)?;
                 }
             }
+            is_read = true;
+            Ok(())
         })?;
         drop(waiting);
         failure?;

@@ -175,9 +175,9 @@ impl Detector {
         self.reciprocal.as_ref().map_or(1.0, |pairs| pairs.noise_ratio(difference))
     }
 
-    /// Whether a difference, ohm, is noise alone, as far as reciprocal channels tell it.
-    pub(crate) fn is_noise_alone(&self, difference: &[f64]) -> bool {
-        self.reciprocal.as_ref().is_some_and(|pairs| pairs.is_noise_alone(difference))
+    /// Whether a difference, ohm, with this ratio of noise is noise alone, as far as reciprocal channels tell it.
+    pub(crate) fn is_noise_alone(&self, difference: &[f64], noise_ratio: f64) -> bool {
+        self.reciprocal.as_ref().is_some_and(|pairs| pairs.is_noise_alone(difference, noise_ratio))
     }
 
     /// The probability of a contact as far as there are grounds for it.

@@ -135,14 +135,14 @@ impl ReciprocalPairs {
         if ratio > usual { ratio } else { 1.0 }
     }
 
-    /// Whether a difference (ohm) is noise alone: its noise is [larger](Self::noise_ratio) than that of the channels, and what
-    /// reciprocal channels have in common is not larger than what they differ by, but for chance. The ratio of the two sums of squares
-    /// is then that of the F distribution, of standard deviation `2 / sqrt(pairs)` around 1.
+    /// Whether a difference (ohm) with this [ratio](Self::noise_ratio) of noise is noise alone: it is larger than that of the channels,
+    /// and what reciprocal channels have in common is not larger than what they differ by, but for chance. The ratio of the two
+    /// sums of squares is then that of the F distribution, of standard deviation `2 / sqrt(pairs)` around 1.
     ///
     /// # Panics
     /// If the difference has fewer values than there are channels.
-    pub fn is_noise_alone(&self, difference: &[f64]) -> bool {
-        if self.noise_ratio(difference) == 1.0 {
+    pub fn is_noise_alone(&self, difference: &[f64], noise_ratio: f64) -> bool {
+        if noise_ratio == 1.0 {
             return false;
         }
         let known = || self.pairs.iter().filter_map(|pair| Some((pair.changes(difference)?, pair.sd_ohm)));
@@ -196,10 +196,11 @@ mod tests {
             let [alone, beside] = [&noisy, &with_noise(3.0)].map(|frame| pairs.noise_ratio(frame));
             assert_eq!([&unknown, &broken].map(|pairs| pairs.noise_ratio(&noisy)), [1.0; 2]);
             assert!((2.5..3.5).contains(&alone) && (1.0..3.5).contains(&beside), "{alone}, {beside}");
-            assert!(pairs.is_noise_alone(&noisy) && !pairs.is_noise_alone(&noise));
+            let is_noise = |frame: &[f64]| pairs.is_noise_alone(frame, pairs.noise_ratio(frame));
+            assert!(is_noise(&noisy) && !is_noise(&noise));
             let noisier: Vec<f64> = noise.iter().map(|value| 4.0 * value).collect();
             assert!(matches!(pairs.without_spikes(&noisier), Cow::Borrowed(_)), "wide noise is no spike");
-            assert!(![1.0, 3.0].iter().any(|ratio| pairs.is_noise_alone(&with_noise(*ratio))));
+            assert!(![1.0, 3.0].iter().any(|ratio| is_noise(&with_noise(*ratio))));
             // The channels of an instrument have gains of their own.
             let gain = |channel: usize| 1.0 + 0.03 * noise[(channel * 7) % count];
             let strong: Vec<f64> = (0..count).map(|c| gain(c) * 10.0 * touch(c) + noise[c]).collect();

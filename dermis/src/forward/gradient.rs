@@ -91,7 +91,8 @@ impl BatchSolver {
     /// If the length of `by_frame` differs from the protocol, or the solution is of another mesh.
     pub fn gradient(&mut self, kept: &KeptSolution, by_frame: &[[f64; LANES]]) -> Gradient {
         let by_impedance = self.by_impedance(by_frame);
-        let by_entry = self.by_entry(kept, &by_impedance);
+        let on_mesh = self.on_mesh(&by_impedance);
+        let by_entry = self.by_entry(kept, on_mesh.as_deref().unwrap_or(&by_impedance));
         let model = &self.model;
         let mut gradient = Gradient {
             conductivity: self.by_conductivity(&by_entry),
@@ -103,7 +104,9 @@ impl BatchSolver {
             of_entry[entry] = value;
         }
         add_contacts(model, &of_entry, &mut gradient);
-        self.add_constant(&by_impedance, &mut gradient);
+        if let Some(on_mesh) = on_mesh {
+            self.add_constant(&by_impedance, &on_mesh, &mut gradient);
+        }
         add_cells(model, &of_entry, &kept.conductivity, &mut gradient.nodes);
         gradient
     }
@@ -113,7 +116,8 @@ impl BatchSolver {
     /// # Panics
     /// As [`gradient`](Self::gradient).
     pub fn conductivity_gradient(&mut self, kept: &KeptSolution, by_frame: &[[f64; LANES]]) -> Vec<[f64; LANES]> {
-        let by_entry = self.by_entry(kept, &self.by_impedance(by_frame));
+        let by_impedance = self.by_impedance(by_frame);
+        let by_entry = self.by_entry(kept, &self.on_mesh(&by_impedance).unwrap_or(by_impedance));
         self.by_conductivity(&by_entry)
     }
 
@@ -134,25 +138,28 @@ impl BatchSolver {
         by_impedance
     }
 
+    /// The same with respect to those of the mesh, if the ends of arcs are corrected.
+    fn on_mesh(&self, by_impedance: &[[f64; LANES]]) -> Option<Vec<[f64; LANES]>> {
+        self.model.transform().map(|transform| transformed(&transform.matrix.transposed(), by_impedance))
+    }
+
     /// The contact impedances in what the correction at the ends of arcs adds to the transfer impedances.
-    fn add_constant(&self, by_impedance: &[[f64; LANES]], gradient: &mut Gradient) {
+    fn add_constant(&self, by_impedance: &[[f64; LANES]], on_mesh: &[[f64; LANES]], gradient: &mut Gradient) {
         let Some(transform) = self.model.transform() else { return };
-        let of_mesh = transformed(&transform.matrix.transposed(), by_impedance);
         let count = self.plan.kept_count();
         for (electrode, size) in transform.sizes.iter().enumerate().filter(|(_, size)| **size > 0.0) {
             let at = electrode * count + electrode;
             for lane in 0..LANES {
-                gradient.contact_impedances[electrode][lane] += (by_impedance[at][lane] - of_mesh[at][lane]) / size;
+                gradient.contact_impedances[electrode][lane] += (by_impedance[at][lane] - on_mesh[at][lane]) / size;
             }
         }
     }
 
     /// The derivatives with respect to the values of the system's entries, in the order of the factorisation, from those with
-    /// respect to the transfer impedances of the electrodes.
-    fn by_entry(&mut self, kept: &KeptSolution, by_impedance: &[[f64; LANES]]) -> Vec<[f64; LANES]> {
+    /// respect to the transfer impedances of the mesh.
+    fn by_entry(&mut self, kept: &KeptSolution, on_mesh: &[[f64; LANES]]) -> Vec<[f64; LANES]> {
         let count = self.plan.kept_count();
-        let of_mesh = self.model.transform().map(|transform| transformed(&transform.matrix.transposed(), by_impedance));
-        let half = product(&kept.impedances, of_mesh.as_deref().unwrap_or(by_impedance), count);
+        let half = product(&kept.impedances, on_mesh, count);
         let mut by_admittance = product(&half, &kept.impedances, count);
         by_admittance.iter_mut().flatten().for_each(|value| *value = -*value);
         let mut by_entry = vec![[0.0; LANES]; self.plan.entry_order().len()];

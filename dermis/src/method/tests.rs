@@ -133,3 +133,35 @@ fn frames_that_the_model_does_not_explain_are_named_in_a_warning() {
     adapted.reconstruct().correct(&differences.frames[0], &mut contacts);
     assert_eq!((contacts.len(), contacts[0].position_m), (1, [0.05, 0.0, 0.1]));
 }
+
+/// Noise that is three times that of the untouched frames is no touch by any method, and a touch beside it is found.
+#[test]
+fn noise_that_has_risen_is_no_touch() {
+    let skin = Skin::load("cylinder30").unwrap();
+    let (forward, surface) = (skin.forward(), skin.design().body.surface());
+    let place = surface.at(0.14, 1.0).unwrap();
+    let change = |cell: usize| {
+        let away = surface.distance_m(skin.mesh().cell_centre(cell), place) / 8e-3;
+        1.0 + (-0.5 * away * away).exp()
+    };
+    let touched: Vec<f64> = forward.rest_conductivity().iter().enumerate().map(|(cell, s)| s * change(cell)).collect();
+    let [rest, touched] = [forward.rest_conductivity(), &touched].map(|sheet| forward.solve(sheet).unwrap());
+    let noisy = |of: &Frame, sd_ohm: f64, frame: u64| {
+        let mut rng = sample_rng(73, frame);
+        Frame(of.iter().map(|value| value + sd_ohm * standard_normal(&mut rng)).collect())
+    };
+    let untouched = (0..40).map(|frame| noisy(&rest, 0.03, frame)).collect();
+    let frames = (40..60).map(|frame| noisy(&rest, 0.09, frame)).chain([noisy(&touched, 0.09, 60)]).collect();
+    let differences = Differences::new(frames, untouched);
+    for name in ["noser", "tv", Methods::REFINED] {
+        let method = Methods::linear().method(&skin, name, &MethodOptions::default()).unwrap();
+        let method = method.adapted(&differences).unwrap();
+        let detector = method.detector_of(&differences, &skin.design().protocol).unwrap();
+        let found = |frame: &Frame| method.contacts(frame, &detector).unwrap();
+        let (last, noise) = differences.frames.split_last().unwrap();
+        assert!(noise.iter().all(|frame| found(frame).is_empty()), "{name}");
+        let contacts = found(last);
+        assert_eq!(contacts.len(), 1, "{name}");
+        assert!(surface.distance_m(contacts[0].position_m, place) < 0.01, "{name}");
+    }
+}

@@ -56,7 +56,8 @@ impl dyn Reconstruct + '_ {
     ) -> Result<Vec<Detection>, ReconstructError> {
         let difference = &search.detector.without_spikes(difference);
         self.reconstruct_into(difference, &mut image.values)?;
-        if search.detector.is_noise_alone(difference) {
+        let noise_ratio = search.detector.noise_ratio(difference);
+        if search.detector.is_noise_alone(difference, noise_ratio) {
             return Ok(Vec::new());
         }
         if let Some(contacts) = self.contacts(difference)? {
@@ -64,7 +65,7 @@ impl dyn Reconstruct + '_ {
                 |contact| Detection { contact: completed(contact, image, search.detector), signal: f64::INFINITY };
             return Ok(contacts.into_iter().map(located).collect());
         }
-        let detected = search.detector.detect_under(image, self.image_noise_ratio(difference, search.detector));
+        let detected = search.detector.detect_under(image, self.image_noise_ratio(noise_ratio));
         let mut contacts: Vec<Contact> = detected.iter().map(|(contact, _)| *contact).collect();
         // What raises and what lowers the conductance is no touch alone.
         if !search.detector.has_both_signs() {
@@ -75,11 +76,11 @@ impl dyn Reconstruct + '_ {
         Ok(with_signals(&image.space.surface, contacts, &detected, unseen))
     }
 
-    /// The noise of an image over that of untouched ones, from the noise of its difference. Images without a matrix may rise
+    /// The noise of an image over that of untouched ones, from that of its difference. Images without a matrix may rise
     /// faster, as those of networks, which are trained to suppress noise: with twice, three and six times that of 50 dB,
     /// the root mean square of those of `spots` and `paper` is about 7, 12 and 30 times as large.
-    fn image_noise_ratio(&self, difference: &[f64], detector: &Detector) -> f64 {
-        detector.noise_ratio(difference).powi(if self.matrix().is_some() { 1 } else { 2 })
+    fn image_noise_ratio(&self, noise_ratio: f64) -> f64 {
+        noise_ratio.powi(if self.matrix().is_some() { 1 } else { 2 })
     }
 
     /// The image of a difference and its contacts, as of `find_contacts`, in a frame without a touch detector.
