@@ -61,6 +61,8 @@ pub struct Calibration {
     pub(crate) quality: Quality,
     /// Pose of the skin in the frame of the labels, where that is a robot's.
     pub(crate) pose: Option<Pose>,
+    /// The untouched frame of the labels, ohm, if it is known.
+    pub(crate) rest: Option<Frame>,
 }
 
 /// What cross-validation on the labels states of a calibration.
@@ -127,7 +129,8 @@ impl Calibration {
             }
         };
         let quality = validation.quality(&labels, locator.force_law());
-        Ok(Calibration { units, realignment, locator, misfit_limit: UNLIKE * validation.usual_misfit(), quality, pose })
+        let misfit_limit = UNLIKE * validation.usual_misfit();
+        Ok(Calibration { units, realignment, locator, misfit_limit, quality, pose, rest: None })
     }
 
     /// The pose of the skin in the robot's frame; `None` where the labels are in the skin's own frame.
@@ -246,7 +249,7 @@ pub(crate) fn check_frames(what: &str, frames: &[Frame], expected: usize) -> Res
 
 /// Refuses labels off the skin.
 pub(crate) fn check_positions(skin: &Skin, labels: &[Label]) -> Result<(), CalibrateError> {
-    let limits = skin.mesh().place_limits(skin.design().body.surface());
+    let limits = skin.place_limits();
     labels.iter().try_for_each(|label| match limits.check(label.position_m) {
         Ok(_) => Ok(()),
         Err(message) => Err(CalibrateError::Label(format!("the label of frame {}: {message}", label.row))),

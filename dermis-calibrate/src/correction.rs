@@ -64,6 +64,9 @@ pub struct Correction {
     sd_factor: f64,
     force: Option<ForceCorrection>,
     quality: CorrectionQuality,
+    /// The untouched frame of the labels, ohm, if it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) rest: Option<Frame>,
 }
 
 /// Forces from contacts.
@@ -192,6 +195,7 @@ impl Correction {
             },
             force: force.map(|(force, _)| force),
             quality,
+            rest: None,
         })
     }
 

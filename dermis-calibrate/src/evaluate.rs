@@ -25,7 +25,7 @@ impl Presses {
     /// # Errors
     /// As [`read_truth`]; a frame without exactly one press.
     pub fn read(path: &Path, skin: &Skin, frame_count: usize) -> Result<Self, CalibrateError> {
-        let limits = skin.mesh().place_limits(skin.design().body.surface());
+        let limits = skin.place_limits();
         let path = path.to_path_buf();
         match read_truth(&path, &limits, frame_count).map_err(CalibrateError::Table)? {
             Truth::Elsewhere { positions_m, forces_n } => {

@@ -7,10 +7,12 @@ use crate::matching::MIN_EVIDENCE;
 use crate::strength::UnusedForces;
 use dermis::contact::GATE_M;
 use dermis::design::SkinDesign;
-use dermis::frame::Differences;
+use dermis::finding::{Finding, FindingKind};
+use dermis::frame::{Differences, Frame};
 use dermis::geom::Point3;
 use dermis::geom::vector::{centroid, distance};
 use dermis::method::{MethodOptions, Methods};
+use dermis::plausibility::Plausibility;
 use dermis::reconstruct::MIN_UNTOUCHED_FRAMES;
 use dermis::skin::Skin;
 use dermis::text::counted;
@@ -120,7 +122,12 @@ impl Fitted {
         method: Option<&str>,
     ) -> Result<(Self, Alternatives), CalibrateError> {
         let mut tried = None;
-        let fitted = Self::choose(methods, skin, differences, labels, frame, method, &mut tried)?;
+        let mut fitted = Self::choose(methods, skin, differences, labels, frame, method, &mut tried)?;
+        let rest = differences.baseline.clone();
+        match &mut fitted {
+            Fitted::ForwardMap(map) => map.rest = rest,
+            Fitted::Correction(correction) => correction.rest = rest,
+        }
         let uncalibrated = match (frame, tried) {
             (LabelFrame::Robot, _) => Vec::new(),
             (LabelFrame::Skin, Some(tried)) => tried.uncalibrated,
@@ -197,6 +204,16 @@ impl Fitted {
         }
     }
 
+    /// Why an untouched frame, ohm, is not that of the labels: what is calibrated by them says nothing of the frames that belong
+    /// to it. `None` where it is, and for a calibration by differences alone.
+    pub fn doubt_of(&self, design: &SkinDesign, rest: &Frame) -> Option<String> {
+        let known = match self {
+            Fitted::ForwardMap(map) => &map.rest,
+            Fitted::Correction(correction) => &correction.rest,
+        };
+        unlike(design, known.as_ref()?, rest)
+    }
+
     /// By how many standard deviations the labels fit their own frames better than in a random order.
     pub fn evidence(&self) -> Option<f64> {
         match self {
@@ -238,6 +255,22 @@ impl Fitted {
             Fitted::Correction(correction) => correction.unused_forces(labels),
         }
     }
+}
+
+/// Why an untouched frame is not that of the labels of a calibration, if so.
+pub(crate) fn unlike(design: &SkinDesign, of_labels: &Frame, rest: &Frame) -> Option<String> {
+    let check = Plausibility::new(&design.protocol, of_labels, &[]);
+    let Finding { kind, value, .. } = check.of_frames(std::slice::from_ref(rest), of_labels)?;
+    Some(match kind {
+        FindingKind::Magnitude => format!(
+            "the untouched frame is {value:.3} times as large as that of the calibration: give values in the same unit, with the \
+             same current and gain, or calibrate again"
+        ),
+        _ => format!(
+            "the untouched frame agrees with that of the calibration by {value:.2} (1: exactly, 0: by chance): give frames of \
+             the same skin, in the same order and with the same signs, or calibrate again"
+        ),
+    })
 }
 
 /// The skin's own methods at the labels: its contacts, and its refined contacts where they can be refined.

@@ -14,7 +14,7 @@ use crate::strength::Strength;
 use crate::units::ChannelUnits;
 use dermis::design::SkinDesign;
 use dermis::files::read_text_at_most;
-use dermis::frame::{TableError, read_array, write_array, write_whole};
+use dermis::frame::{Frame, TableError, read_array, write_array, write_whole};
 use dermis::text::counted;
 use faer::Mat;
 use serde::de::DeserializeOwned;
@@ -45,6 +45,8 @@ struct Card {
     misfit_limit: f64,
     strength: Option<Strength>,
     quality: Quality,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    rest: Option<Frame>,
 }
 
 /// Which skin a folder belongs to.
@@ -137,7 +139,8 @@ impl Correction {
                            it corrects computes otherwise: calibrate again";
             return Err(CalibrateError::File { path, message: message.into() });
         }
-        if !correction.is_consistent() {
+        let channels = design.protocol.channel_count();
+        if !correction.is_consistent() || correction.rest.as_ref().is_some_and(|rest| rest.len() != channels) {
             return Err(CalibrateError::File {
                 path,
                 message: "its values do not belong together: calibrate again".into(),
@@ -253,6 +256,7 @@ impl Calibration {
             misfit_limit: self.misfit_limit,
             strength: self.locator.strength().copied(),
             quality: self.quality,
+            rest: self.rest.clone(),
         };
         let text = serde_json::to_string_pretty(&card).expect("a card is JSON");
         // The card is written last: a folder without it is no calibration.
@@ -304,7 +308,8 @@ impl Calibration {
             && card.extent.radius_m > 0.0
             && channels == design.protocol.channel_count()
             && card.units.is_consistent()
-            && card.realignment.fits(channels);
+            && card.realignment.fits(channels)
+            && card.rest.as_ref().is_none_or(|rest| rest.len() == channels);
         if !fits {
             return Err(file("its arrays do not belong together: calibrate again".into()));
         }
@@ -323,6 +328,7 @@ impl Calibration {
             misfit_limit: card.misfit_limit,
             quality: card.quality,
             pose: card.pose,
+            rest: card.rest,
         })
     }
 }

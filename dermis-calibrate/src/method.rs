@@ -3,11 +3,11 @@
 use crate::calibration::Calibration;
 use crate::correction::Correction;
 use crate::error::CalibrateError;
-use crate::fitted::Fitted;
+use crate::fitted::{Fitted, unlike};
 use crate::located::Located;
 use crate::posterior::Posterior;
 use crate::touches::Superposition;
-use dermis::contact::Contact;
+use dermis::contact::{Contact, DOUBT};
 use dermis::detect::DetectOptions;
 use dermis::forward::Matrix;
 use dermis::frame::Frame;
@@ -80,7 +80,7 @@ impl Fitted {
                     let message = "uses all channels: leave --leave-out out".into();
                     return Err(MethodError::Option { method: name.into(), message });
                 }
-                let method = CalibratedMethod::new(skin, *calibration);
+                let method = CalibratedMethod::new(skin, *calibration, None);
                 Ok(Method::new(name, format!("calibration in {name}"), Arc::new(method)))
             }
             Fitted::Correction(correction) => {
@@ -93,8 +93,8 @@ impl Fitted {
                 // The end of the label says whether contacts are refined.
                 let label = format!("correction in {name} of {}", base.label());
                 let base = Arc::clone(base.reconstruct());
-                let is_ready = !base.is_adaptable();
-                let method = CorrectedMethod { base, correction: Arc::new(*correction), is_ready };
+                let (is_ready, correction) = (!base.is_adaptable(), Arc::new(*correction));
+                let method = CorrectedMethod { skin: skin.clone(), base, correction, is_ready, doubt: None };
                 Ok(Method::new(name, label, Arc::new(method)))
             }
         }
@@ -120,10 +120,21 @@ impl MethodSource for Calibrations {
 
 /// A method whose contacts are corrected.
 struct CorrectedMethod {
+    skin: Skin,
     base: Arc<dyn Reconstruct>,
     correction: Arc<Correction>,
     /// Whether its contacts are those of the labels: a method that refines contacts is first adapted to the untouched skin.
     is_ready: bool,
+    /// Why the skin to which it is adapted is not that of the labels.
+    doubt: Option<String>,
+}
+
+/// What is left of contacts without grounds: none is more probable than not, and their forces are unknown.
+fn without_grounds(contacts: &mut [Contact]) {
+    for contact in contacts {
+        contact.confidence = contact.confidence.min(DOUBT);
+        [contact.force_n, contact.force_sd_n] = [f64::NAN; 2];
+    }
 }
 
 impl Reconstruct for CorrectedMethod {
@@ -155,23 +166,28 @@ impl Reconstruct for CorrectedMethod {
             // What the labels say is of other contacts.
             contacts.iter_mut().for_each(|contact| [contact.force_n, contact.force_sd_n] = [f64::NAN; 2]);
         }
+        if self.doubt.is_some() {
+            without_grounds(contacts);
+        }
     }
 
     fn is_adaptable(&self) -> bool {
-        self.base.is_adaptable()
+        self.base.is_adaptable() || self.correction.rest.is_some()
     }
 
     fn adapted(&self, rest: &Frame, untouched: &[Frame]) -> Result<Option<Arc<dyn Reconstruct>>, ReconstructError> {
-        let adapted = |base: Arc<dyn Reconstruct>| {
-            let is_ready = base.warning().is_none();
-            Arc::new(CorrectedMethod { base, correction: Arc::clone(&self.correction), is_ready })
-                as Arc<dyn Reconstruct>
-        };
-        Ok(self.base.adapted(rest, untouched)?.map(adapted))
+        let base = self.base.adapted(rest, untouched)?;
+        let doubt = self.correction.rest.as_ref().and_then(|of_labels| unlike(self.skin.design(), of_labels, rest));
+        if base.is_none() && doubt.is_none() {
+            return Ok(None);
+        }
+        let is_ready = base.as_ref().map_or(self.is_ready, |base| base.warning().is_none());
+        let (base, correction) = (base.unwrap_or_else(|| Arc::clone(&self.base)), Arc::clone(&self.correction));
+        Ok(Some(Arc::new(CorrectedMethod { skin: self.skin.clone(), base, correction, is_ready, doubt })))
     }
 
     fn warning(&self) -> Option<&str> {
-        self.base.warning()
+        self.doubt.as_deref().or_else(|| self.base.warning())
     }
 
     fn novelty(&self, difference: &[f64]) -> Option<f64> {
@@ -195,12 +211,14 @@ impl From<CalibrateError> for MethodError {
 
 /// A calibration as a method: single frames to positions, without the memory of the press before.
 struct CalibratedMethod {
+    skin: Skin,
     calibration: Calibration,
     /// For frames that no single press explains.
     superposition: Superposition,
-    pixels: Arc<PixelSpace>,
     /// The node of the region nearest to each pixel.
     nodes: Vec<usize>,
+    /// Why the skin to which it is adapted is not that of the labels.
+    doubt: Option<String>,
     last: Mutex<Option<Arc<Estimate>>>,
 }
 
@@ -214,17 +232,16 @@ struct Estimate {
 }
 
 impl CalibratedMethod {
-    fn new(skin: &Skin, calibration: Calibration) -> Self {
-        let pixels = Arc::clone(skin.pixels());
+    fn new(skin: &Skin, calibration: Calibration, doubt: Option<String>) -> Self {
         let nodes = &calibration.locator.region().nodes;
         let nearest = |centre: &Point3| {
             let centre = calibration.pose.map_or(*centre, |pose| pose.to_robot(*centre));
             let apart = |node: &usize| distance(nodes[*node], centre);
             (0..nodes.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).expect("a region has nodes")
         };
-        let nodes = pixels.centres_m.iter().map(nearest).collect();
+        let nodes = skin.pixels().centres_m.iter().map(nearest).collect();
         let superposition = Superposition::new(&calibration);
-        CalibratedMethod { calibration, superposition, pixels, nodes, last: Mutex::new(None) }
+        CalibratedMethod { skin: skin.clone(), calibration, superposition, nodes, doubt, last: Mutex::new(None) }
     }
 
     /// The frame's single press, and its touches: none where one of them is no better than the untouched frame, several
@@ -260,15 +277,19 @@ impl CalibratedMethod {
     fn compute(&self, difference: &[f64]) -> Estimate {
         let temperature = self.calibration.locator.temperature;
         let (single, touches) = self.touches(difference);
-        let mut image = vec![0.0_f64; self.pixels.len()];
+        let mut image = vec![0.0_f64; self.pixels().len()];
         for (_, posterior) in &touches {
             let density = posterior.relative_density(temperature);
             image.iter_mut().zip(&self.nodes).for_each(|(value, &node)| *value = value.max(density[node]));
         }
+        let mut contacts: Vec<Contact> = touches.iter().map(|(located, _)| self.contact(located)).collect();
+        if self.doubt.is_some() {
+            without_grounds(&mut contacts);
+        }
         Estimate {
             difference: difference.to_vec(),
             image,
-            contacts: touches.iter().map(|(located, _)| self.contact(located)).collect(),
+            contacts,
             // Several touches would explain what is the ageing of the skin.
             novelty: (touches.len() == 1).then(|| self.calibration.novelty(single.misfit)),
         }
@@ -279,12 +300,13 @@ impl CalibratedMethod {
             let [x, y, _] = pose.to_skin(located.position_m);
             [x, y, 0.0]
         });
+        let pixels = self.pixels();
         let nearest = || {
-            let apart = |pixel: &usize| distance(self.pixels.centres_m[*pixel], position_m);
-            let pixel = (0..self.pixels.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).expect("a skin has pixels");
-            self.pixels.normals[pixel]
+            let apart = |pixel: &usize| distance(pixels.centres_m[*pixel], position_m);
+            let pixel = (0..pixels.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).expect("a skin has pixels");
+            pixels.normals[pixel]
         };
-        let normal = self.pixels.surface.normal(position_m).unwrap_or_else(nearest);
+        let normal = pixels.surface.normal(position_m).unwrap_or_else(nearest);
         let confidence = if self.calibration.is_unlike(located) { 0.0 } else { located.confidence };
         let [force_n, force_sd_n] = self.calibration.force_n(located);
         Contact { sd_m: located.sd_m(), confidence, force_sd_n, ..Contact::truth(position_m, normal, force_n) }
@@ -297,12 +319,27 @@ impl Reconstruct for CalibratedMethod {
     }
 
     fn pixels(&self) -> &Arc<PixelSpace> {
-        &self.pixels
+        self.skin.pixels()
+    }
+
+    fn is_adaptable(&self) -> bool {
+        self.calibration.rest.is_some()
+    }
+
+    fn adapted(&self, rest: &Frame, _: &[Frame]) -> Result<Option<Arc<dyn Reconstruct>>, ReconstructError> {
+        let of_labels = self.calibration.rest.as_ref();
+        let doubt = of_labels.and_then(|of_labels| unlike(self.skin.design(), of_labels, rest));
+        let adapted = |doubt| Arc::new(CalibratedMethod::new(&self.skin, self.calibration.clone(), Some(doubt)));
+        Ok(doubt.map(adapted).map(|method| method as Arc<dyn Reconstruct>))
+    }
+
+    fn warning(&self) -> Option<&str> {
+        self.doubt.as_deref()
     }
 
     /// The posterior density of the position relative to its largest value; zero where the frame is untouched.
     fn reconstruct_into(&self, difference: &[f64], values: &mut [f64]) -> Result<(), ReconstructError> {
-        check_lengths(difference, self.calibration.channel_count(), values, self.pixels.len())?;
+        check_lengths(difference, self.calibration.channel_count(), values, self.pixels().len())?;
         values.copy_from_slice(&self.estimate(difference).image);
         Ok(())
     }

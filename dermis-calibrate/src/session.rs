@@ -91,7 +91,7 @@ impl Session {
     /// A folder that cannot be made; files of another skin, or that do not belong together.
     pub fn open(skin: &Skin, folder: &Path, places: Places) -> Result<Self, CalibrateError> {
         std::fs::create_dir_all(folder).map_err(|source| CalibrateError::Io { path: folder.to_path_buf(), source })?;
-        let limits = skin.mesh().place_limits(skin.design().body.surface());
+        let limits = skin.place_limits();
         let state = vec![PlaceState::Open; places.positions_m.len()];
         let (skin, folder) = (skin.clone(), folder.to_path_buf());
         let mut session = Session { skin, limits, folder, places, state, frames: Vec::new(), presses_m: Vec::new() };

@@ -109,7 +109,7 @@ impl GuidedArguments {
             }
             return Ok(Places::spread(skin, count));
         };
-        Ok(Places::given(skin, read_places(path, &skin::place_limits(skin))?))
+        Ok(Places::given(skin, read_places(path, &skin.place_limits())?))
     }
 }
 

@@ -5,7 +5,6 @@ use crate::failure::{Failure, Outcome};
 use clap::ValueEnum;
 use dermis::contact::Contact;
 use dermis::frame::{Truth, read_conductivities};
-use dermis::geom::PlaceLimits;
 use dermis::skin::Skin;
 use dermis::text::{number_of, ranges};
 use std::path::Path;
@@ -33,17 +32,12 @@ pub fn warn_if_ambiguous(skin: &Skin) -> Outcome {
     Ok(())
 }
 
-/// The valid positions of touches on a skin.
-pub fn place_limits(skin: &Skin) -> PlaceLimits {
-    skin.mesh().place_limits(skin.design().body.surface())
-}
-
 /// Touches farther off the body than this are warned of, m: measured places and the width of a tip differ by less.
 const OFF_BODY_M: f64 = 0.005;
 
 /// Reads the truth of some frames. Warns of touches off the body.
 pub fn read_truth(skin: &Skin, path: &Path, frames: usize) -> Outcome<Truth> {
-    let limits = place_limits(skin);
+    let limits = skin.place_limits();
     let truth = dermis::frame::read_truth(path, &limits, frames)?;
     if let Truth::OnSkin(touches) = &truth {
         let off_m = |touches: &Vec<Contact>| {

@@ -48,7 +48,7 @@ fn the_even_skin_is_localised_by_a_network_that_saw_simulations_alone() {
     }
     let (skin, model) = shipped();
     let frames = read_frames(&folder.join("inp_noPattern.csv"), &skin.design().protocol).unwrap();
-    let limits = skin.mesh().place_limits(skin.pixels().surface);
+    let limits = skin.place_limits();
     let truth = read_truth(&folder.join("out_noPattern.csv"), &limits, frames.len()).unwrap();
     let Truth::Elsewhere { positions_m: truth, .. } = truth else { panic!("the presses have no header") };
     let options = AlignOptions {

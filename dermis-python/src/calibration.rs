@@ -5,6 +5,7 @@ use crate::failure::{Failure, Outcome};
 use crate::method::{IN_MEMORY, Method, differences, doubt};
 use crate::skin::Skin;
 use crate::worker;
+use dermis::contact::DOUBT;
 use dermis::frame::Differences;
 use dermis::method::MethodOptions;
 use dermis_calibrate::checks::check_labels;
@@ -124,16 +125,23 @@ impl Calibration {
             return Err(Failure::with_hint(format!("`first` is {first}"), "give the number of a press"));
         }
         let (differences, _) = differences(py, &self.skin, frames, baseline, force)?;
+        let design = self.skin.skin().design();
+        let unlike = differences.baseline.as_ref().and_then(|rest| self.fitted.doubt_of(design, rest));
+        if let Some(reason) = &unlike {
+            py.import("warnings")?.call_method1("warn", (reason,))?;
+        }
         let located = worker::run(py, "locating", 1, |_| Ok(map.locate(&differences.frames, first)?))?;
         let column = |of: &dyn Fn(&Located) -> f64| PyArray1::from_iter(py, located.iter().map(of));
-        let forces: Vec<f64> = located.iter().flat_map(|located| map.force_n(located)).collect();
+        // Of another skin, or in another unit, no press is more probable than not, and no force is known.
+        let (most, unknown) = if unlike.is_some() { (DOUBT, f64::NAN) } else { (1.0, 0.0) };
+        let forces: Vec<f64> = located.iter().flat_map(|one| map.force_n(one)).map(|value| value + unknown).collect();
         let positions = located.iter().flat_map(|located| located.position_m).collect();
         let covariances = located.iter().flat_map(|located| located.covariance_m2).flatten().collect();
         let result = PyDict::new(py);
         result.set_item("position_m", arrays::rows(py, positions, &[3], false)?)?;
         result.set_item("covariance_m2", arrays::rows(py, covariances, &[3, 3], false)?)?;
         result.set_item("sd_m", column(&Located::sd_m))?;
-        result.set_item("confidence", column(&|located| located.confidence))?;
+        result.set_item("confidence", column(&|located| located.confidence.min(most)))?;
         result.set_item("force_n", PyArray1::from_iter(py, forces.iter().copied().step_by(2)))?;
         result.set_item("force_sd_n", PyArray1::from_iter(py, forces.iter().copied().skip(1).step_by(2)))?;
         result.set_item("misfit", column(&|located| located.misfit))?;

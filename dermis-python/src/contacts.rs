@@ -3,6 +3,7 @@
 use crate::arrays::{self, Column, Rows};
 use crate::failure::{Failure, Outcome};
 use dermis::contact::{Contact, Field, FieldKind};
+use dermis::geom::Point3;
 use dermis::pipeline::{PipelineFrame, TrackedContact};
 use dermis::skin::Skin;
 use numpy::PyArray1;
@@ -60,6 +61,18 @@ pub fn contact_columns() -> HashMap<&'static str, Vec<&'static str>> {
     vectors(&Contact::FIELDS).chain(vectors(&TrackedContact::FIELDS)).collect()
 }
 
+/// Refuses places off a skin.
+pub fn check_places(name: &str, places_m: &[Point3], skin: &Skin) -> Outcome<()> {
+    let limits = skin.place_limits();
+    places_m.iter().try_for_each(|&place_m| {
+        if place_m.iter().any(|value| !value.is_finite()) {
+            return Err(Failure::given(format!("`{name}` has {place_m:?}: positions are finite")));
+        }
+        let refused = |why| Failure::with_hint(format!("`{name}`: {why}"), "positions are in metres, on the skin");
+        limits.check(place_m).map(drop).map_err(refused)
+    })
+}
+
 /// True touches, by frame: `Contacts`, or positions of one touch in each frame.
 pub fn truth(given: &Bound<'_, PyAny>, skin: &Skin, frame_count: usize) -> Outcome<Vec<Vec<Contact>>> {
     let named = |name: &str| given.getattr_opt(name);
@@ -74,15 +87,8 @@ pub fn truth(given: &Bound<'_, PyAny>, skin: &Skin, frame_count: usize) -> Outco
             return Err(Failure::with_hint(message, "give one for each frame, or Contacts with `frame`"));
         }
     };
-    if let Some(bad) = positions.iter().find(|position| position.iter().any(|value| !value.is_finite())) {
-        return Err(Failure::given(format!("`truth` has {bad:?}: positions are finite")));
-    }
+    check_places("truth", positions, skin)?;
     let surface = skin.design().body.surface();
-    let limits = skin.mesh().place_limits(skin.design().body.surface());
-    for &position_m in positions {
-        let refused = |why| Failure::with_hint(format!("`truth`: {why}"), "positions are in metres, on the skin");
-        limits.check(position_m).map_err(refused)?;
-    }
     let force_n = Column::of(named("force_n")?.as_ref(), "truth.force_n", positions.len(), f64::NAN)?;
     let mut touches = vec![Vec::new(); frame_count];
     for (index, (&position_m, frame)) in positions.iter().zip(frames).enumerate() {

@@ -64,6 +64,15 @@ impl Method {
         }
         Ok((differences, is_single))
     }
+
+    /// The method adapted to the untouched skin, with a warning where it does less than it could.
+    fn adapted(&self, py: Python<'_>, differences: &Differences) -> Outcome<method::Method> {
+        let adapted = worker::run(py, "adapting the method", 1, |_| Ok(self.method.adapted(differences)?))?;
+        if let Some(reason) = adapted.reconstruct().warning() {
+            py.import("warnings")?.call_method1("warn", (reason,))?;
+        }
+        Ok(adapted)
+    }
 }
 
 /// The differences of frames from a baseline, and whether one frame was given. Frames that cannot be those of the skin are
@@ -178,8 +187,8 @@ impl Method {
         force: bool,
     ) -> Outcome<Bound<'py, PyAny>> {
         let (differences, _) = self.differences(py, frames, baseline, force)?;
+        let method = self.adapted(py, &differences)?;
         let found = worker::run(py, "reconstructing", differences.frames.len(), |watch| {
-            let method = self.method.adapted(&differences)?;
             let mut detector = method.detector_of(&differences, &self.skin.skin().design().protocol)?;
             if both_signs {
                 self.method.check_both_signs()?;
@@ -203,8 +212,8 @@ impl Method {
         let (differences, _) = self.differences(py, frames, baseline, force)?;
         let frames = &differences.frames;
         let truth = contacts::truth(truth, self.skin.skin(), frames.len())?;
+        let method = self.adapted(py, &differences)?;
         let score = worker::run(py, "reconstructing", frames.len(), |watch| {
-            let method = self.method.adapted(&differences)?;
             let detector = method.detector_of(&differences, &self.skin.skin().design().protocol)?;
             let found =
                 for_each(frames, watch, |frame| Ok(method.reconstruct().image_and_contacts(frame, &detector)?))?;
@@ -222,8 +231,8 @@ impl Method {
         let [frame] = &differences.frames[..] else {
             return Err(Failure::with_hint("`frame` has rows", "give one frame, (channels,)"));
         };
+        let method = self.adapted(py, &differences)?;
         worker::run_short(py, || {
-            let method = self.method.adapted(&differences)?;
             let detector = method.detector_of(&differences, &self.skin.skin().design().protocol)?;
             let (image, contacts) = method.reconstruct().image_and_contacts(frame, &detector)?;
             picture::of_image(self.skin.skin(), &image, self.method.reconstruct().quantity(), &contacts)

@@ -2,6 +2,7 @@
 
 use crate::arrays::{self, Rows};
 use crate::calibration::{Calibration, Presses};
+use crate::contacts;
 use crate::failure::{Failure, Outcome};
 use crate::mesh::Mesh;
 use crate::method::{self, Method, method_name};
@@ -314,17 +315,9 @@ impl Skin {
         let (positions, _) = rows.values()?.as_chunks::<3>();
         let touch = |&centre_m: &[f64; 3]| GaussianTouch { centre_m, amplitude, width_m };
         let touches: Vec<GaussianTouch> = positions.iter().map(touch).collect();
-        if let Some(bad) = touches.iter().find(|touch| touch.centre_m.iter().any(|value| !value.is_finite())) {
-            return Err(Failure::given(format!("`positions` has {:?}: positions are finite", bad.centre_m)));
-        }
+        contacts::check_places("positions", positions, &self.skin)?;
         let (design, rest) = (self.skin.design(), self.skin.forward().rest_conductivity());
         let surface = design.body.surface();
-        let limits = self.skin.mesh().place_limits(surface);
-        for touch in &touches {
-            let refused =
-                |why| Failure::with_hint(format!("`positions`: {why}"), "positions are in metres, on the skin");
-            limits.check(touch.centre_m).map_err(refused)?;
-        }
         let map = worker::run(py, "touching", 1, |_| {
             Ok(touched_conductivity(self.skin.mesh(), &surface, design.sheet.touch, rest, &touches)?)
         })?;

@@ -14,7 +14,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 /// A true contact counts as found within this distance: the gate of the scores, m.
 pub const GATE_M: f64 = 0.02;
 /// The confidence of a certain contact without grounds for more: the noise is not known, or touches do not explain the frame.
-pub(crate) const DOUBT: f64 = 0.5;
+pub const DOUBT: f64 = 0.5;
 
 /// The radius, in standard deviations per axis, that contains 95 % of a two-dimensional Gaussian: the square root of
 /// `-2 ln 0.05`.

@@ -14,6 +14,7 @@ use crate::design::SkinDesign;
 use crate::finding::{Finding, FindingKind};
 use crate::forward::ForwardModel;
 use crate::frame::Frame;
+use crate::geom::PlaceLimits;
 use crate::image::PixelSpace;
 use crate::linalg::dot;
 use crate::mesh::Mesh;
@@ -130,6 +131,11 @@ impl Skin {
     /// The pixels of its images.
     pub fn pixels(&self) -> &Arc<PixelSpace> {
         &self.parts.pixels
+    }
+
+    /// The possible positions of touches.
+    pub fn place_limits(&self) -> PlaceLimits {
+        self.mesh().place_limits(self.design().body.surface())
     }
 
     /// The untouched frame of the model, ohm, with its signs. Computed in the first call.

@@ -146,7 +146,7 @@ pub fn check(robot: &Robot, methods: &Methods, rate_hz: f64) -> Result<RobotRepo
 
 /// Distances of places of a skin from the surface of another one, m.
 fn distances_m(places_m: &[Point3], other: &Skin, to_other: Pose) -> impl Iterator<Item = f64> {
-    let limits = other.mesh().place_limits(other.design().body.surface());
+    let limits = other.place_limits();
     places_m.iter().map(move |&place_m| limits.distance_m(to_other.point(place_m)))
 }
 

@@ -31,6 +31,7 @@ pub use reciprocity::{Screening, quantities, reciprocal};
 pub use table::{Table, read_array, read_conductivities, read_table, write_array, write_frames};
 pub use truth::{Truth, frames_after_last_touch, read_places, read_truth, write_truth};
 
+use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::ops::{Deref, DerefMut, Sub};
 use std::path::{Path, PathBuf};
@@ -82,7 +83,7 @@ pub enum TableError {
 }
 
 /// The values of one frame, or of a difference of two, in the order of the protocol's channels; ohm.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Frame(pub Vec<f64>);
 
 impl Deref for Frame {
