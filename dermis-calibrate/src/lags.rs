@@ -165,19 +165,24 @@ fn decide(evidence: &[Evidence], weak: f64, is_smooth: bool, known: &[i32]) -> V
     evidence.iter().zip(own).map(|(one, own)| if is_strong(one) { own } else { majority }).collect()
 }
 
+/// The mean of each channel.
+fn means(values: &[Vec<f64>]) -> Vec<f64> {
+    let mean = |channel| values.iter().map(|row| row[channel]).sum::<f64>() / values.len() as f64;
+    (0..values[0].len()).map(mean).collect()
+}
+
 /// The correlation of rows with the next ones, over all channels.
 fn correlation_of_rows(values: &[Vec<f64>]) -> f64 {
-    let (rows, channels) = (values.len(), values[0].len());
-    let means: Vec<f64> = (0..channels).map(|j| values.iter().map(|row| row[j]).sum::<f64>() / rows as f64).collect();
-    let product = |a: &[f64], b: &[f64]| -> f64 { (0..channels).map(|j| (a[j] - means[j]) * (b[j] - means[j])).sum() };
+    let means = means(values);
+    let product =
+        |a: &[f64], b: &[f64]| -> f64 { (0..means.len()).map(|j| (a[j] - means[j]) * (b[j] - means[j])).sum() };
     let of_next: f64 = values.windows(2).map(|pair| product(&pair[0], &pair[1])).sum();
     of_next / values.iter().map(|row| product(row, row)).sum::<f64>().max(f64::MIN_POSITIVE)
 }
 
 fn covariance(values: &[Vec<f64>]) -> Mat<f64> {
-    let (rows, channels) = (values.len(), values[0].len());
-    let means: Vec<f64> = (0..channels).map(|j| values.iter().map(|row| row[j]).sum::<f64>() / rows as f64).collect();
-    let centred = Mat::from_fn(rows, channels, |i, j| values[i][j] - means[j]);
+    let means = means(values);
+    let centred = Mat::from_fn(values.len(), means.len(), |i, j| values[i][j] - means[j]);
     centred.transpose() * &centred
 }
 

@@ -300,13 +300,7 @@ impl CalibratedMethod {
             let [x, y, _] = pose.to_skin(located.position_m);
             [x, y, 0.0]
         });
-        let pixels = self.pixels();
-        let nearest = || {
-            let apart = |pixel: &usize| distance(pixels.centres_m[*pixel], position_m);
-            let pixel = (0..pixels.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).expect("a skin has pixels");
-            pixels.normals[pixel]
-        };
-        let normal = pixels.surface.normal(position_m).unwrap_or_else(nearest);
+        let normal = self.pixels().normal(position_m);
         let confidence = if self.calibration.is_unlike(located) { 0.0 } else { located.confidence };
         let [force_n, force_sd_n] = self.calibration.force_n(located);
         Contact { sd_m: located.sd_m(), confidence, force_sd_n, ..Contact::truth(position_m, normal, force_n) }

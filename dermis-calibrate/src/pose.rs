@@ -1,6 +1,7 @@
 //! Pose of a flat skin in the coordinate frame of a robot.
 
 use crate::calibration::Label;
+use crate::checks::correlation::cosine;
 use dermis::geom::vector::{bounding_box, sub};
 use dermis::geom::{Point2, Point3};
 use dermis::skin::Skin;
@@ -80,7 +81,12 @@ impl Pose {
         let templates = templates(skin)?;
         let correlations: Vec<Vec<f32>> = frames
             .par_iter()
-            .map(|frame| templates.iter().map(|template| correlation(frame, template) as f32).collect())
+            .map(|frame| {
+                templates
+                    .iter()
+                    .map(|template| cosine(frame.iter().copied(), template.iter().copied()) as f32)
+                    .collect()
+            })
             .collect();
         let positions: Vec<Point3> = chosen.iter().map(|&index| labels[index].position_m).collect();
         let [x, y, _] = skin.pixels().box_m();
@@ -112,16 +118,6 @@ fn standardised(mut rows: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
         rows.iter_mut().for_each(|row| row[column] = if sd > 0.0 { (row[column] - mean) / sd } else { 0.0 });
     }
     rows
-}
-
-fn correlation(a: &[f64], b: &[f64]) -> f64 {
-    let (mut product, mut squares) = (0.0, [0.0; 2]);
-    for (a, b) in a.iter().zip(b) {
-        product += a * b;
-        squares[0] += a * a;
-        squares[1] += b * b;
-    }
-    if squares[0] * squares[1] > 0.0 { product / (squares[0] * squares[1]).sqrt() } else { 0.0 }
 }
 
 /// The pixel at each position.

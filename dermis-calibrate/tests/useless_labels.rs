@@ -1,7 +1,8 @@
 //! Labels that belong to the frames give a calibration, others are refused. On digital twins of two skins.
 
+use dermis::contact::{Contact, DOUBT};
 use dermis::frame::{Differences, Frame};
-use dermis::method::Methods;
+use dermis::method::{MethodOptions, Methods};
 use dermis::skin::Skin;
 use dermis_calibrate::{Fitted, Label, LabelFrame};
 use dermis_sim::experiment::Presses;
@@ -100,4 +101,56 @@ fn right_labels_calibrate_and_others_are_refused() {
 #[ignore = "slow: 102 calibrations; prints a table"]
 fn a_hundred_sets_of_labels() {
     campaign(17);
+}
+
+/// Frames of another unit, order or sign than those of the labels have no confident contacts and no forces, and it is said why.
+#[test]
+fn frames_that_are_not_like_those_of_the_labels_have_no_grounds() {
+    let skin = Skin::load("skin16").unwrap();
+    let options = TwinOptions::shipped("lab").unwrap();
+    let made = Twin::new(skin.design(), &options, 77).unwrap();
+    let set = Presses::new(skin.design(), skin.mesh(), skin.pixels(), options.press, 77).at_random(80);
+    let frames = |from: u64| -> Vec<Frame> {
+        set.presses.iter().zip(from..).map(|(presses, index)| made.frame(presses, index).unwrap()).collect()
+    };
+    let untouched: Vec<Frame> = (0..UNTOUCHED).map(|index| made.frame(&[], index).unwrap()).collect();
+    let label = |(row, presses): (usize, &Vec<Press>)| {
+        let Press { centre_m, force_n, .. } = presses[0];
+        Label { row, position_m: centre_m, force_n }
+    };
+    let labels: Vec<Label> = set.presses.iter().enumerate().map(label).collect();
+    let methods = Methods::linear();
+    let differences = Differences::new(frames(UNTOUCHED), untouched.clone());
+    let times = |frame: &Frame, factor: f64| Frame(frame.iter().map(|value| factor * value).collect());
+    let changed = |frame: &Frame, change: usize| match change {
+        0 => times(frame, 1.3),
+        1 => times(frame, 1e3),
+        2 => times(frame, 1e-3),
+        _ => Frame(frame.iter().rev().copied().collect()),
+    };
+    let said = ["", "1000.000 times as large", "0.001 times as large", "agrees with that of the calibration by"];
+    let folder = tempfile::tempdir().unwrap();
+    for name in [Fitted::FORWARD_MAP, "noser", Methods::REFINED] {
+        let fit = |labels| Fitted::fit(&methods, &skin, &differences, labels, LabelFrame::Skin, Some(name));
+        fit(&labels).unwrap().0.save(folder.path(), skin.design()).unwrap();
+        for (change, said) in said.into_iter().enumerate() {
+            let all = |frames: &[Frame]| frames.iter().map(|frame| changed(frame, change)).collect::<Vec<Frame>>();
+            let differences = Differences::new(all(&frames(500)), all(&untouched));
+            let fitted = Fitted::load(folder.path(), &skin).unwrap().unwrap();
+            let method = fitted.into_method(&methods, &skin, name, &MethodOptions::default()).unwrap();
+            assert!(method.reconstruct().is_adaptable());
+            let method = method.adapted(&differences).unwrap();
+            let detector = method.detector_of(&differences, &skin.design().protocol).unwrap();
+            let found: Vec<Contact> =
+                differences.frames.iter().flat_map(|frame| method.contacts(frame, &detector).unwrap()).collect();
+            let warning = method.reconstruct().warning().unwrap_or_default();
+            let confident = found.iter().filter(|contact| contact.confidence > DOUBT).count();
+            let forces = found.iter().filter(|contact| contact.force_n.is_finite()).count();
+            println!("{name}, {said}: {} contacts, {confident} confident, {forces} forces; {warning}", found.len());
+            match said {
+                "" => assert!(warning.is_empty() && confident > 70 && forces > 70),
+                _ => assert!(warning.contains(said) && confident == 0 && forces == 0, "{warning}"),
+            }
+        }
+    }
 }

@@ -10,7 +10,7 @@ use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::collections::BTreeSet;
 use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Prints a result. A closed pipe (`dermis ... | head`) is not an error.
@@ -203,6 +203,14 @@ pub fn on_interrupt(mut then: impl FnMut() + Send + 'static) -> Outcome {
         then();
     };
     ctrlc::set_handler(handler).map_err(|error| Failure::Ours(format!("no handler of interrupts: {error}")))
+}
+
+/// Whether an interrupt or a termination request has come.
+pub fn interrupted() -> Outcome<Arc<AtomicBool>> {
+    let has_come = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&has_come);
+    on_interrupt(move || flag.store(true, Ordering::Relaxed))?;
+    Ok(has_come)
 }
 
 /// A message as a line, coloured on a terminal.

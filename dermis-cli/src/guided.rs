@@ -1,6 +1,6 @@
 //! A guided calibration session: where to press next, the presses taken, and the calibration as it gets better.
 
-use crate::console::{Progress, StatusLine, on_interrupt, print, print_json, warn, warn_of};
+use crate::console::{Progress, StatusLine, interrupted, print, print_json, warn, warn_of};
 use crate::failure::{Failure, Outcome};
 use crate::fitted;
 use crate::range::count;
@@ -9,21 +9,19 @@ use crate::source::{PageArguments, SourceArguments};
 use clap::Args;
 use dermis::frame::{Differences, read_places};
 use dermis::geom::{Point3, Surface};
-use dermis::method::MethodSet;
-use dermis::pipeline::{Settings, Severity, Timestamp};
+use dermis::pipeline::{Severity, Timestamp};
 use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_calibrate::checks::check_labels;
 use dermis_calibrate::{CalibrateError, Correction, Fitted, LabelFrame, MIN_LABELS, Places, Quality, Session};
 use dermis_emulate::emulator::Emulator;
-use dermis_live::device::DeviceOptions;
 use dermis_live::guide::{Guide, GuideAction, GuideStep, PressCollector, PressEvent};
 use dermis_live::recording::RecordingLimits;
-use dermis_live::{Event, Live, LiveOptions, Popped};
+use dermis_live::{Event, Live, Popped};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -73,12 +71,7 @@ impl GuidedArguments {
         }
         let skin = skin::load(design)?;
         let session = Session::open(&skin, folder, self.places(&skin)?)?;
-        let (address, emulator) = self.source.address(skin.design())?;
-        let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin, None)?);
-        let device = DeviceOptions { rate_hz: self.source.rate, difference, ..DeviceOptions::default() };
-        // The skin may be unlike its model: that is what is to be found out.
-        let settings = Settings { force_tare: true, ..Settings::default() };
-        let live = Live::start(methods, LiveOptions { device, ..LiveOptions::new(address, settings) })?;
+        let (live, emulator) = self.source.start(&skin, difference)?;
         let guide = Arc::new(Guide::default());
         let control =
             self.source.control(&live, emulator.clone(), RecordingLimits::default())?.with_guide(Arc::clone(&guide));
@@ -182,9 +175,7 @@ impl Guided {
 
     /// Takes presses until all places are pressed, the input ends or a person ends the session.
     fn watch(&mut self, live: &Live, emulator: Option<&Emulator>) -> Outcome {
-        let ended = Arc::new(AtomicBool::new(false));
-        let end = Arc::clone(&ended);
-        on_interrupt(move || end.store(true, Ordering::Relaxed))?;
+        let ended = interrupted()?;
         let mailbox = live.shared().subscribe(WAITING);
         live.begin();
         self.line.print("leave the skin untouched: the baseline is measured");

@@ -6,11 +6,14 @@ use crate::failure::{Failure, Outcome};
 use crate::range::number;
 use clap::Args;
 use dermis::design::SkinDesign;
+use dermis::method::MethodSet;
+use dermis::pipeline::Settings;
+use dermis::skin::Skin;
 use dermis_emulate::emulator::Emulator;
-use dermis_live::device::Address;
+use dermis_live::device::{Address, DeviceOptions};
 use dermis_live::recording::RecordingLimits;
 use dermis_live::sinks::viewer::{RobotServer, Server, ServerOptions};
-use dermis_live::{Control, Live, Pressable, RecordingOptions};
+use dermis_live::{Control, Live, LiveOptions, Pressable, RecordingOptions};
 use dermis_robot::Robot;
 use std::fs::File;
 use std::io::Read;
@@ -52,6 +55,15 @@ impl SourceArguments {
     /// Whether the source is a simulation whose frames may be all the same.
     pub fn is_noise_free(&self) -> bool {
         self.source == "emulate" && self.emulator.is_noise_free()
+    }
+
+    /// Starts to read a skin that may be unlike its model: what it is like is to be found out.
+    pub fn start(&self, skin: &Skin, difference: bool) -> Outcome<(Live, Option<Arc<Emulator>>)> {
+        let (address, emulator) = self.address(skin.design())?;
+        let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin.clone(), None)?);
+        let device = DeviceOptions { rate_hz: self.rate, difference, ..DeviceOptions::default() };
+        let settings = Settings { force_tare: true, ..Settings::default() };
+        Ok((Live::start(methods, LiveOptions { device, ..LiveOptions::new(address, settings) })?, emulator))
     }
 
     /// The address of the device; starts an emulated one.

@@ -2,7 +2,7 @@
 
 use crate::error::FabricateError;
 use dermis::design::MeshFile;
-use dermis::geom::vector::{add, cross, distance, dot, norm, normalize, scale, sub, triangle_area};
+use dermis::geom::vector::{add, cross, distance, dot, norm, normalize, scale, sub, triangle_area, volume};
 use dermis::geom::{Point3, TriangleTree};
 use dermis::mesh::{Cells, import};
 use std::collections::HashMap;
@@ -77,11 +77,7 @@ impl BodyMesh {
     }
 
     fn volume_m3(&self) -> f64 {
-        let of = |triangle: usize| {
-            let [a, b, c] = self.corners(triangle);
-            dot(a, cross(b, c)) / 6.0
-        };
-        (0..self.triangles.len()).map(of).sum()
+        volume((0..self.triangles.len()).map(|triangle| self.corners(triangle)))
     }
 
     /// The point of the surface nearest to a point, and the outward unit normal there, interpolated between nodes.

@@ -4,7 +4,6 @@ use dermis::frame::reciprocal;
 use dermis::protocol::Protocol;
 use dermis::stats::upper_median;
 use serde::{Deserialize, Serialize};
-use std::collections::HashMap;
 
 /// The conversion of a difference (frame minus the untouched frame of the same skin, ohm) to the inputs of a network.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -36,14 +35,13 @@ impl Input {
     /// Reciprocal channels (drive and measure exchanged) averaged, not normalised yet. Their noise is independent, so
     /// no information is lost.
     pub fn reciprocal(protocol: &Protocol) -> Self {
-        let numbers: HashMap<_, usize> =
-            protocol.channels().iter().enumerate().map(|(number, &channel)| (channel, number)).collect();
-        let pair = |(number, channel): (usize, &dermis::protocol::Channel)| match numbers.get(&channel.reciprocal()) {
-            Some(&other) if other < number => None,
-            Some(&other) if other > number => Some(vec![number, other]),
-            _ => Some(vec![number]),
-        };
-        Self::of(protocol.channels().iter().enumerate().filter_map(pair).collect())
+        let mut inputs: Vec<Vec<usize>> = (0..protocol.channel_count()).map(|channel| vec![channel]).collect();
+        for [first, second] in protocol.reciprocal_pairs() {
+            inputs[first].push(second);
+            inputs[second].clear();
+        }
+        inputs.retain(|channels| !channels.is_empty());
+        Self::of(inputs)
     }
 
     /// Channels that measure the same quantity with the same sign ([`reciprocal`]: drive or measure reversed, or both

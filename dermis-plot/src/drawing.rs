@@ -5,7 +5,7 @@ use crate::scene::{Dot, Key, LABEL_SIZE, Label, LabelPosition, Mark, Scene, Stro
 use dermis::contact::Contact;
 use dermis::design::SkinDesign;
 use dermis::geom::polygon::clip_half_plane;
-use dermis::geom::vector::{add, centroid, cross, dot, normalize, scale, sub};
+use dermis::geom::vector::{add, dot, node_normals, normalize, scale, sub};
 use dermis::geom::{Chart, Point2, Point3, Shape, Surface, TriangleTree};
 use dermis::image::PixelSpace;
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
@@ -36,16 +36,8 @@ pub struct Drawing<'a> {
 impl<'a> Drawing<'a> {
     /// The skin of a design on its mesh.
     pub fn new(design: &'a SkinDesign, mesh: &'a Mesh) -> Self {
-        let faces = outer_faces(mesh);
-        let mut normals = vec![[0.0; 3]; mesh.node_count()];
-        for (face, _) in &faces {
-            let [a, b, c] = face.map(|node| mesh.nodes[node]);
-            let weighted = cross(sub(b, a), sub(c, a));
-            for &node in face {
-                normals[node] = add(normals[node], weighted);
-            }
-        }
-        let node_normals = normals.into_iter().map(normalize).collect();
+        let faces = mesh.outer_faces();
+        let node_normals = node_normals(&mesh.nodes, faces.iter().map(|(face, _)| *face));
         Drawing { design, mesh, faces, node_normals, tree: OnceLock::new() }
     }
 
@@ -364,33 +356,6 @@ fn box_polygons(chart: &Chart, [x0, x1]: [f64; 2], [y0, y1]: [f64; 2]) -> Vec<Ve
 fn round(radius_m: f64) -> Vec<[f64; 2]> {
     const CORNERS: usize = 180;
     (0..CORNERS).map(|k| TAU * k as f64 / CORNERS as f64).map(|a| [radius_m * a.cos(), radius_m * a.sin()]).collect()
-}
-
-/// The triangles of a surface, or the faces that belong to one tetrahedron only.
-fn outer_faces(mesh: &Mesh) -> Vec<([usize; 3], usize)> {
-    match &mesh.cells {
-        Cells::Triangles(cells) => cells.iter().enumerate().map(|(cell, &corners)| (corners, cell)).collect(),
-        Cells::Tetrahedra(cells) => {
-            let mut seen: HashMap<[usize; 3], usize> = HashMap::new();
-            let faces = |&[a, b, c, d]: &[usize; 4]| [[a, c, b], [a, b, d], [a, d, c], [b, c, d]];
-            let key = |mut face: [usize; 3]| {
-                face.sort_unstable();
-                face
-            };
-            cells.iter().flat_map(faces).for_each(|face| *seen.entry(key(face)).or_default() += 1);
-            let all = cells.iter().enumerate().flat_map(|(cell, corners)| faces(corners).map(|face| (face, cell)));
-            all.filter(|(face, _)| seen[&key(*face)] == 1)
-                .map(|(face, cell)| (oriented(mesh, face, cell), cell))
-                .collect()
-        }
-    }
-}
-
-/// Orients a face away from its cell.
-fn oriented(mesh: &Mesh, [a, b, c]: [usize; 3], cell: usize) -> [usize; 3] {
-    let corners = [a, b, c].map(|node| mesh.nodes[node]);
-    let outwards = dot(normal_of(&corners), sub(centroid(&corners), mesh.cell_centre(cell))) > 0.0;
-    if outwards { [a, b, c] } else { [a, c, b] }
 }
 
 /// The edges that belong to one face only.

@@ -1,7 +1,6 @@
 //! Errors of the engine as `dermis.DermisError`.
 
 use dermis::design::DesignError;
-use dermis::method::MethodError;
 use dermis_cli::CommandError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -75,30 +74,11 @@ impl From<DesignError> for Failure {
     }
 }
 
-impl From<dermis::Error> for Failure {
-    fn from(error: dermis::Error) -> Self {
-        match error {
-            dermis::Error::Design(error) => error.into(),
-            error => Failure::given(error),
-        }
-    }
-}
-
 impl From<dermis_sim::Error> for Failure {
     fn from(error: dermis_sim::Error) -> Self {
         match error {
             dermis_sim::Error::Dermis(error) => error.into(),
             error => Failure::Given { message: error.to_string(), hint: error.fix(), line: None },
-        }
-    }
-}
-
-impl From<dermis_learn::LearnError> for Failure {
-    fn from(error: dermis_learn::LearnError) -> Self {
-        match error {
-            dermis_learn::LearnError::Dermis(error) => error.into(),
-            dermis_learn::LearnError::Sim(error) => (*error).into(),
-            error => Failure::given(error),
         }
     }
 }
@@ -110,14 +90,28 @@ impl From<CommandError> for Failure {
     }
 }
 
-impl From<MethodError> for Failure {
-    fn from(error: MethodError) -> Self {
-        match error {
-            MethodError::Dermis(error) => error.into(),
-            error => Failure::given(error),
-        }
-    }
+/// Errors that may be those of a crate below, which are reported as such.
+macro_rules! from_crates {
+    ($($error:ty { $($variant:ident($inner:ident) => $of_below:expr),* })*) => {
+        $(impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                type Of = $error;
+                match error {
+                    $(Of::$variant($inner) => $of_below.into(),)*
+                    error => Failure::given(error),
+                }
+            }
+        })*
+    };
 }
+from_crates!(
+    dermis::Error { Design(error) => error }
+    dermis::method::MethodError { Dermis(error) => error }
+    dermis::pipeline::PipelineError { Dermis(error) => *error, Method(error) => *error }
+    dermis_learn::LearnError { Dermis(error) => error, Sim(error) => *error }
+    dermis_live::LiveError { Dermis(error) => error, Method(error) => *error, Pipeline(error) => *error }
+    dermis_emulate::EmulateError { Dermis(error) => error, Sim(error) => *error, Live(error) => *error }
+);
 
 /// Errors of one module, which say everything in their message.
 macro_rules! from_message {

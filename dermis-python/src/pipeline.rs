@@ -8,29 +8,34 @@ use crate::skin::Skin;
 use crate::worker;
 use dermis::design::SkinDesign;
 use dermis::method::MethodSet;
-use dermis::pipeline::{
-    self, Command, FrameInput, Notice, PipelineError, PipelineFrame, Settings, Timestamp, Validity,
-};
+use dermis::pipeline::{self, Command, FrameInput, Notice, PipelineFrame, Settings, Timestamp, Validity};
 use dermis::skin;
 use dermis_calibrate::Calibration;
-use dermis_emulate::EmulateError;
 use dermis_emulate::emulator::{Emulator, EmulatorOptions, Script};
 use dermis_live::device::Address;
 use dermis_live::recording::{self, Player, Replayed};
 use dermis_live::runtime::{Event, LiveOptions, Mailbox, Popped};
-use dermis_live::{LiveError, LiveFrame, clock};
+use dermis_live::{LiveFrame, clock};
 use dermis_sim::twin::TwinOptions;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 /// Interval between two looks at signals while no frame arrives.
 const LOOK: Duration = Duration::from_millis(50);
 /// Capacity of the queue of a live skin: the oldest frames are dropped.
 const QUEUE: usize = 4096;
+
+/// A time since 1970, s; now without it.
+pub fn time(time_s: Option<f64>) -> Outcome<Timestamp> {
+    let Some(time_s) = time_s else { return Ok(clock::now()) };
+    let since = Duration::try_from_secs_f64(time_s)
+        .map_err(|_| Failure::given(format!("`time_s` is {time_s}: it must be a time since 1970, s")))?;
+    Ok(Timestamp::default().after(since))
+}
 
 /// A frame with its contacts.
 #[pyclass(frozen, module = "dermis")]
@@ -176,12 +181,7 @@ impl Pipeline {
             return Err(Failure::with_hint("`frame` has rows", "give one frame, (channels,)"));
         }
         let values = rows.values()?.to_vec();
-        let measured_at = match time_s {
-            None => SystemTime::now().duration_since(UNIX_EPOCH).map_err(Failure::given)?,
-            Some(time_s) => Duration::try_from_secs_f64(time_s)
-                .map_err(|_| Failure::given(format!("`time_s` is {time_s}: it must be a time since 1970, s")))?,
-        };
-        let measured_at = Timestamp::default().after(measured_at);
+        let measured_at = time(time_s)?;
         let frame = worker::run_short(py, || {
             let Feed { pipeline, next, last } = &mut *self.feed();
             let before_s = last.seconds_since(measured_at);
@@ -463,37 +463,5 @@ impl Replay {
 
     fn __repr__(&self) -> String {
         format!("<dermis.Replay {} of {:?}>", self.path.display(), self.skin.design().name)
-    }
-}
-
-impl From<PipelineError> for Failure {
-    fn from(error: PipelineError) -> Self {
-        match error {
-            PipelineError::Method(error) => (*error).into(),
-            PipelineError::Dermis(error) => (*error).into(),
-            error => Failure::given(error),
-        }
-    }
-}
-
-impl From<EmulateError> for Failure {
-    fn from(error: EmulateError) -> Self {
-        match error {
-            EmulateError::Dermis(error) => error.into(),
-            EmulateError::Sim(error) => (*error).into(),
-            EmulateError::Live(error) => (*error).into(),
-            error => Failure::given(error),
-        }
-    }
-}
-
-impl From<LiveError> for Failure {
-    fn from(error: LiveError) -> Self {
-        match error {
-            LiveError::Dermis(error) => error.into(),
-            LiveError::Method(error) => (*error).into(),
-            LiveError::Pipeline(error) => (*error).into(),
-            error => Failure::given(error),
-        }
     }
 }

@@ -2,12 +2,10 @@
 
 use crate::arrays;
 use crate::failure::{Failure, Outcome};
-use crate::pipeline::{Frame, Notices, emulator};
+use crate::pipeline::{Frame, Notices, emulator, time};
 use crate::worker;
-use dermis::pipeline::Timestamp;
 use dermis_calibrate::Calibration;
 use dermis_emulate::robot::{RobotDevices, SWING_EVERY};
-use dermis_live::clock;
 use dermis_live::robot::{self as live, RobotOptions, RobotOutput};
 use dermis_robot::{Kinematics, Pose, Posture, RobotState, WornSkin};
 use dermis_sim::twin::TwinOptions;
@@ -17,7 +15,6 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
 
 #[doc = stub_doc!(Robot)]
 #[pyclass(frozen, module = "dermis")]
@@ -373,14 +370,6 @@ fn matrix<'py>(py: Python<'py>, pose: &Pose) -> Outcome<Bound<'py, PyAny>> {
 fn unknown_pose(link: &str) -> Failure {
     let fix = "give the position of every joint between the base and the link";
     Failure::with_hint(format!("the pose of `{link}` is unknown"), fix)
-}
-
-/// A time since 1970, s; now without it.
-fn time(time_s: Option<f64>) -> Outcome<Timestamp> {
-    let Some(time_s) = time_s else { return Ok(clock::now()) };
-    let since = Duration::try_from_secs_f64(time_s)
-        .map_err(|_| Failure::given(format!("`time_s` is {time_s}: it must be a time since 1970, s")))?;
-    Ok(Timestamp::default().after(since))
 }
 
 fn loads<'py>(py: Python<'py>, value: &impl Serialize) -> Outcome<Bound<'py, PyAny>> {

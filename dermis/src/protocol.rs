@@ -8,6 +8,7 @@ pub use table::SCAN_COLUMNS;
 pub(crate) use table::{CHANNEL_COLUMNS, numbered};
 
 use crate::files::sha256;
+use crate::frame::Frame;
 use crate::stats::rms;
 use crate::text::hexadecimal;
 use serde::{Deserialize, Serialize};
@@ -270,6 +271,22 @@ impl Protocol {
         if self.amplitude_only {
             values.iter_mut().for_each(|value| *value = value.abs());
         }
+    }
+
+    /// Frames without the signs of their values where the instrument reports amplitudes alone.
+    pub(crate) fn without_signs(&self, frames: &[Frame]) -> Vec<Frame> {
+        let mut frames = frames.to_vec();
+        frames.iter_mut().for_each(|frame| self.drop_signs(frame));
+        frames
+    }
+
+    /// Pairs of reciprocal channels, drive and measured pair exchanged: the lower number first.
+    pub fn reciprocal_pairs(&self) -> Vec<[usize; 2]> {
+        let index: HashMap<&Channel, usize> = self.channels.iter().zip(0..).collect();
+        let pair = |(own, channel): (usize, &Channel)| {
+            index.get(&channel.reciprocal()).filter(|&&other| own < other).map(|&other| [own, other])
+        };
+        self.channels.iter().enumerate().filter_map(pair).collect()
     }
 
     /// Number of electrodes of the skin.

@@ -22,7 +22,7 @@
 //! ```
 
 mod axes;
-mod correlation;
+pub(crate) mod correlation;
 mod describe;
 mod magnitude;
 mod model;

@@ -13,19 +13,15 @@ use crate::source::SourceArguments;
 use clap::Args;
 use dermis::finding::{Severity, is_sound};
 use dermis::frame::{Frame, ReadOptions};
-use dermis::method::MethodSet;
-use dermis::pipeline::Settings;
 use dermis::plausibility::Plausibility;
 use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_calibrate::build::{BuildCheck, BuildChecker};
-use dermis_live::device::DeviceOptions;
-use dermis_live::{Event, Live, LiveOptions};
+use dermis_live::{Event, Live};
 use dermis_plot::report::findings_text;
 use serde_json::json;
 use std::fmt::Write;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
 /// Events that can wait.
@@ -97,12 +93,7 @@ impl Arguments {
             let fix = "convert it with dermis convert, and give its untouched frames with --frames";
             return Err(Failure::given("a recording is no device", Some(fix)));
         }
-        let (address, emulator) = self.source.address(skin.design())?;
-        let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin.clone(), None)?);
-        let device = DeviceOptions { rate_hz: self.source.rate, ..DeviceOptions::default() };
-        // The skin may be unlike its model: that is what is to be found out.
-        let settings = Settings { force_tare: true, ..Settings::default() };
-        let live = Live::start(methods, LiveOptions { device, ..LiveOptions::new(address, settings) })?;
+        let (live, emulator) = self.source.start(skin, false)?;
         let read = self.read_frames(&live);
         let name = live.shared().facts().map(|facts| format!("{}, serial number {}", facts.name, facts.serial));
         let failure = live.take_failure();

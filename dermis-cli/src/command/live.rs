@@ -2,7 +2,7 @@
 
 use crate::build_watch::check_first_frames;
 use crate::channels::LeaveOutElectrodes;
-use crate::console::{note, on_interrupt, say};
+use crate::console::{interrupted, note, say};
 use crate::failure::{Failure, Outcome};
 use crate::latency;
 use crate::method::METHOD_HELP;
@@ -26,7 +26,7 @@ use dermis_live::sinks::{jsonl, watchdog};
 use dermis_live::{Control, Event, Live, LiveOptions, LiveStatistics, Popped};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -258,9 +258,7 @@ impl Arguments {
 
     /// Shows notices and statistics until the end.
     fn watch(&self, live: &Live, emulator: Option<&Emulator>) -> Outcome<Watched> {
-        let ended = Arc::new(AtomicBool::new(false));
-        let end = Arc::clone(&ended);
-        on_interrupt(move || end.store(true, Ordering::Relaxed))?;
+        let ended = interrupted()?;
         let mailbox = live.shared().subscribe(WAITING);
         live.begin();
         let mut statistics = LiveStatistics::new(Arc::clone(live.shared()));

@@ -1,6 +1,6 @@
 //! `dermis robot`: several skins on one robot.
 
-use crate::console::{StatusLine, note, on_interrupt, print, print_json, warn};
+use crate::console::{StatusLine, interrupted, note, print, print_json, warn};
 use crate::emulated::EmulatorArguments;
 use crate::failure::{Failure, Outcome};
 use crate::output::{json_line, to_standard_output};
@@ -23,7 +23,7 @@ use serde::Serialize;
 use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 /// The arguments of `dermis robot`.
@@ -279,9 +279,7 @@ fn table(report: &RobotReport) -> String {
 impl RunArguments {
     fn run(self) -> Outcome {
         let robot = Arc::new(Robot::load(&self.robot)?);
-        let ended = Arc::new(AtomicBool::new(false));
-        let end = Arc::clone(&ended);
-        on_interrupt(move || end.store(true, Ordering::Relaxed))?;
+        let ended = interrupted()?;
         let heartbeat = self.watchdog.as_deref().map(watchdog::socket).transpose()?;
         self.check_emulation(&robot)?;
         // An address that is in use is known before the skins are prepared.

@@ -5,7 +5,6 @@ mod channel;
 mod clean;
 mod cutter;
 mod shell;
-mod stl;
 mod threemf;
 
 pub use base::{base, designed_genus};
@@ -15,6 +14,7 @@ use crate::error::FabricateError;
 use crate::folder::OutputFile;
 use crate::model::Fabrication;
 use dermis::geom::Point3;
+use dermis::mesh::export::write_stl;
 use manifold_rust::manifold::Manifold;
 
 /// A closed surface of triangles, counter-clockwise as seen from outside. Lengths in mm, in the precision of STL files.
@@ -64,12 +64,7 @@ impl Solid {
 
     /// Volume, mm3.
     pub(crate) fn volume_mm3(&self) -> f64 {
-        use dermis::geom::vector::{cross, dot};
-        let of = |triangle: usize| {
-            let [a, b, c] = self.triangle_mm(triangle);
-            dot(a, cross(b, c)) / 6.0
-        };
-        (0..self.triangles.len()).map(of).sum()
+        dermis::geom::vector::volume((0..self.triangles.len()).map(|triangle| self.triangle_mm(triangle)))
     }
 
     /// Genus of a closed surface of one part, by Euler's formula.
@@ -92,6 +87,13 @@ impl Solid {
     }
 }
 
+fn stl(solid: &Solid) -> Result<Vec<u8>, FabricateError> {
+    let triangles: Vec<[Point3; 3]> = (0..solid.triangles.len()).map(|triangle| solid.triangle_mm(triangle)).collect();
+    let mut bytes = Vec::new();
+    write_stl(&triangles, "binary STL, mm", &mut bytes).map_err(|error| FabricateError::Internal(error.to_string()))?;
+    Ok(bytes)
+}
+
 /// The base as STL and 3MF.
 ///
 /// # Errors
@@ -100,7 +102,7 @@ pub fn files(fabrication: &Fabrication) -> Result<Vec<OutputFile>, FabricateErro
     let solid = fabrication.base()?;
     let name = &fabrication.design.name;
     Ok(vec![
-        OutputFile::new("base.stl", "base to print: binary STL, mm", stl::bytes(solid)),
+        OutputFile::new("base.stl", "base to print: binary STL, mm", stl(solid)?),
         OutputFile::new("base.3mf", "base to print: 3MF with its unit", threemf::bytes(solid, name)?),
     ])
 }

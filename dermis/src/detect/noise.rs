@@ -1,8 +1,7 @@
 //! The noise of images, from the noise of frames or from images of the untouched skin.
 
 use crate::forward::Matrix;
-use crate::geom::Surface;
-use crate::geom::vector::{Point3, add, dot, scale, sub};
+use crate::geom::vector::{Point3, add, dot, scale};
 use crate::image::Image;
 use crate::stats::upper_median;
 use serde::{Deserialize, Serialize};
@@ -106,23 +105,12 @@ impl ImageNoise {
         };
         let mut together = [0.0; 3];
         for &pixel in inside {
-            let factor = scale(arm(&space.surface, centroid, space.centres_m[pixel]), space.areas[pixel] / total);
+            let factor = scale(space.surface.step(centroid, space.centres_m[pixel]), space.areas[pixel] / total);
             together = add(together, factor);
             add_row(pixel, factor);
         }
         add_row(peak, scale(together, -fraction));
         0.5 * gradient.iter().map(|&g| dot(g, g)).sum::<f64>()
-    }
-}
-
-/// The position of a point relative to another, along the surface.
-fn arm(surface: &Surface, from: Point3, to: Point3) -> Point3 {
-    match surface {
-        Surface::Free => sub(to, from),
-        _ => {
-            let [u, v] = surface.chart(from, to);
-            [u, v, 0.0]
-        }
     }
 }
 

@@ -33,12 +33,7 @@ pub fn model_differences(
 ) -> Result<ModelDifferences, FitError> {
     let mut model = Frame(untouched.to_vec());
     protocol.drop_signs(&mut model);
-    let amplitudes = |frame: &Frame| {
-        let mut frame = frame.clone();
-        protocol.drop_signs(&mut frame);
-        frame
-    };
-    let frames: Vec<Frame> = frames.iter().map(amplitudes).collect();
+    let frames = protocol.without_signs(frames);
     let measured = mean(&frames).ok_or(FitError::NoFrame)?;
     let used: Vec<usize> = (0..model.len()).filter(|channel| !left_out.contains(channel)).collect();
     factor(&measured, &model, &used)?;

@@ -56,12 +56,7 @@ impl Data {
     /// # Panics
     /// Without a frame.
     pub(super) fn new(protocol: &Protocol, frames: &[Frame], left_out: &[usize]) -> Self {
-        let amplitudes = |frame: &Frame| {
-            let mut frame = frame.clone();
-            protocol.drop_signs(&mut frame);
-            frame
-        };
-        let frames: Vec<Frame> = frames.iter().map(amplitudes).collect();
+        let frames = protocol.without_signs(frames);
         let values = mean(&frames).expect("a frame").0;
         let used = |channel: &usize| !left_out.contains(channel);
         let channels: Vec<usize> = (0..values.len()).filter(used).collect();

@@ -108,6 +108,17 @@ impl Surface {
         Chart::of(self).walk(origin, step_m)
     }
 
+    /// The step from one position to another: along the surface as by [`chart`](Self::chart), or through space if it is `Free`.
+    pub(crate) fn step(&self, from: Point3, to: Point3) -> Point3 {
+        match self {
+            Surface::Free => sub(to, from),
+            _ => {
+                let [u, v] = self.chart(from, to);
+                [u, v, 0.0]
+            }
+        }
+    }
+
     /// The outward unit normal; `None` if the surface is known only by its mesh.
     pub fn normal(&self, position_m: Point3) -> Option<Point3> {
         match self {

@@ -85,6 +85,22 @@ pub fn triangle_area(corners: [Point3; 3]) -> f64 {
     0.5 * norm(cross(sub(b, a), sub(c, a)))
 }
 
+/// The volume that a closed surface of triangles encloses, positive if they are counter-clockwise as seen from outside.
+pub fn volume(triangles: impl IntoIterator<Item = [Point3; 3]>) -> f64 {
+    triangles.into_iter().map(|[a, b, c]| dot(a, cross(b, c)) / 6.0).sum()
+}
+
+/// The unit normal of each node: the mean over its triangles by area; zero without one.
+pub fn node_normals(nodes: &[Point3], triangles: impl IntoIterator<Item = [usize; 3]>) -> Vec<Point3> {
+    let mut normals = vec![[0.0; 3]; nodes.len()];
+    for triangle in triangles {
+        let [a, b, c] = triangle.map(|node| nodes[node]);
+        let twice_area = cross(sub(b, a), sub(c, a));
+        triangle.iter().for_each(|&node| normals[node] = add(normals[node], twice_area));
+    }
+    normals.into_iter().map(normalize).collect()
+}
+
 /// The volume of a tetrahedron, positive if `abc` is counter-clockwise as seen from `d`.
 #[inline]
 pub(crate) fn tetrahedron_volume(corners: [Point3; 4]) -> f64 {

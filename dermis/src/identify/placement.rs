@@ -2,10 +2,10 @@
 
 use crate::design::{Body, SkinDesign};
 use crate::forward::NodeVelocities;
-use crate::geom::vector::{add, cross, distance, dot, normalize, scale, sub};
+use crate::geom::vector::{add, cross, distance, dot, node_normals, normalize, scale, sub};
 use crate::geom::{Point3, Surface};
 use crate::identify::IdentifyOptions;
-use crate::mesh::{ElectrodePatch, Mesh};
+use crate::mesh::{Cells, ElectrodePatch, Mesh};
 use std::collections::HashMap;
 
 /// The nodes within this many radii of an electrode's centre move with it.
@@ -113,7 +113,8 @@ pub(super) fn displacements(design: &SkinDesign, mesh: &Mesh, options: &Identify
 /// The displacements of electrodes that are patches of cells on a body known only by its mesh: in two directions of the tangent
 /// plane of the patch, each node in its own tangent plane; along the edge of the mesh for a patch that is on it.
 fn in_tangent_planes(design: &SkinDesign, mesh: &Mesh, displacement_m: f64) -> Vec<Displacement> {
-    let normals = node_normals(mesh);
+    let triangles = if let Cells::Triangles(triangles) = &mesh.cells { &triangles[..] } else { &[] };
+    let normals = node_normals(&mesh.nodes, triangles.iter().copied());
     let edge = edge_nodes(mesh);
     let edge_m = |at: Point3| edge.keys().map(|&node| distance(mesh.nodes[node], at)).fold(f64::INFINITY, f64::min);
     let mut all = Vec::new();
@@ -150,17 +151,6 @@ fn in_tangent_planes(design: &SkinDesign, mesh: &Mesh, displacement_m: f64) -> V
         }));
     }
     all
-}
-
-/// The unit normal of each node: the mean over its triangles by area.
-fn node_normals(mesh: &Mesh) -> Vec<Point3> {
-    let mut normals = vec![[0.0; 3]; mesh.node_count()];
-    for cell in 0..mesh.cell_count() {
-        let &[a, b, c] = mesh.cells.corners(cell) else { continue };
-        let area = cross(sub(mesh.nodes[b], mesh.nodes[a]), sub(mesh.nodes[c], mesh.nodes[a]));
-        [a, b, c].into_iter().for_each(|node| normals[node] = add(normals[node], area));
-    }
-    normals.into_iter().map(normalize).collect()
 }
 
 /// The nodes on the edge of a mesh of triangles, with the direction of the edge.

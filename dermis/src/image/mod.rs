@@ -7,7 +7,7 @@ mod patches;
 pub(crate) mod tests;
 
 use crate::design::{ImageLayout, SkinDesign};
-use crate::geom::vector::{bounding_box, dot, norm, scale, sub};
+use crate::geom::vector::{bounding_box, distance, dot, norm, scale, sub};
 use crate::geom::{Point3, Surface};
 use crate::mesh::{Mesh, MeshError};
 use std::sync::Arc;
@@ -124,6 +124,15 @@ impl PixelSpace {
     /// The longest side of the bounding box of the pixels' centres, m.
     pub fn extent_m(&self) -> f64 {
         self.box_m().into_iter().map(|[least, most]| most - least).fold(f64::MIN_POSITIVE, f64::max)
+    }
+
+    /// The outward unit normal of the body at a place: that of its surface, or of the nearest pixel.
+    pub fn normal(&self, place: Point3) -> Point3 {
+        self.surface.normal(place).unwrap_or_else(|| {
+            let away = |pixel: &usize| distance(self.centres_m[*pixel], place);
+            let nearest = (0..self.len()).min_by(|a, b| away(a).total_cmp(&away(b)));
+            nearest.map_or([0.0, 0.0, 1.0], |pixel| self.normals[pixel])
+        })
     }
 
     /// Pixels that may be within some distance of a position along the surface: those within the straight-line

@@ -2,6 +2,7 @@
 
 mod displace;
 pub mod export;
+mod faces;
 mod fit;
 mod generate;
 mod hash;

@@ -74,7 +74,7 @@ impl ElectrodeTopology {
             drives: electrodes.clone().map(drives_of).collect(),
             contact_channels: electrodes.clone().map(|electrode| contact_channels(protocol, electrode)).collect(),
             channels: electrodes.clone().map(|electrode| skin.channels_of(electrode).collect()).collect(),
-            reciprocal: reciprocal_pairs(protocol),
+            reciprocal: protocol.reciprocal_pairs(),
             contacts_ohm: electrodes.map(|electrode| skin.forward().contact_resistance_ohm(electrode)).collect(),
             part: match skin.design().sheet.touch {
                 TouchEffect::ConductanceRises => PART_RISES,
@@ -172,16 +172,6 @@ fn contact_channels(protocol: &Protocol, electrode: usize) -> Vec<(usize, f64)> 
     let gains = protocol.contact_gains(electrode).enumerate();
     let signed = gains.map(|(channel, gain)| (channel, if protocol.amplitude_only() { gain.abs() } else { gain }));
     signed.filter(|(_, gain)| *gain != 0.0).collect()
-}
-
-/// Pairs of reciprocal channels, the lower number first.
-fn reciprocal_pairs(protocol: &Protocol) -> Vec<[usize; 2]> {
-    let index: std::collections::HashMap<_, _> =
-        protocol.channels().iter().enumerate().map(|(index, channel)| (*channel, index)).collect();
-    let pair = |(own, channel): (usize, &crate::protocol::Channel)| {
-        index.get(&channel.reciprocal()).filter(|&&other| own < other).map(|&other| [own, other])
-    };
-    protocol.channels().iter().enumerate().filter_map(pair).collect()
 }
 
 /// The state of electrodes and channels.

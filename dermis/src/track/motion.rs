@@ -49,7 +49,7 @@ impl Motion {
     }
 
     pub(super) fn correct(&mut self, surface: &Surface, seen_m: Point3, manner: Manner) {
-        let missed_m = step_between(surface, self.position_m, seen_m);
+        let missed_m = surface.step(self.position_m, seen_m);
         let [place, both, speed] = self.variance;
         let total = place + manner.jitter_m.powi(2);
         let (gain, speed_gain) = (place / total, both / total);
@@ -72,7 +72,7 @@ impl Motion {
 
     /// Moves it by the minimum distance that brings it within a radius of a point, m.
     pub(super) fn clamp_to(&mut self, surface: &Surface, from_m: Point3, reach_m: f64) {
-        let off_m = step_between(surface, from_m, self.position_m);
+        let off_m = surface.step(from_m, self.position_m);
         let far_m = norm(off_m);
         if far_m > reach_m {
             self.position_m = moved(surface, from_m, scale(off_m, reach_m / far_m));
@@ -95,7 +95,7 @@ impl Motion {
 
     /// The approach speed to another contact, m/s.
     pub(super) fn closing_m_s(&self, other: &Motion, surface: &Surface) -> f64 {
-        let between_m = step_between(surface, self.position_m, other.position_m);
+        let between_m = surface.step(self.position_m, other.position_m);
         let apart_m = norm(between_m).max(f64::MIN_POSITIVE);
         dot(sub(self.velocity_m_s, other.velocity_m_s), between_m) / apart_m
     }
@@ -106,17 +106,6 @@ impl Motion {
         const STEP_S: f64 = 1e-6;
         let next = moved(surface, self.position_m, scale(self.velocity_m_s, STEP_S));
         scale(sub(next, self.position_m), 1.0 / STEP_S)
-    }
-}
-
-/// The step from one position to another: along the surface if it has a chart, else through space.
-pub(super) fn step_between(surface: &Surface, from: Point3, to: Point3) -> Point3 {
-    match surface {
-        Surface::Free => sub(to, from),
-        _ => {
-            let [u, v] = surface.chart(from, to);
-            [u, v, 0.0]
-        }
     }
 }
 

@@ -6,7 +6,6 @@
 //! stop and return leave on their own sides. In a head-on merge the centre is at rest in both cases: then crossing is
 //! assumed.
 
-use super::motion::step_between;
 use super::{Sighting, Tracker};
 use crate::geom::Point3;
 use crate::geom::vector::{add, cross, dot, norm, scale, sub};
@@ -37,7 +36,7 @@ impl Tracker {
         let share = 1.0 / members.len() as f64;
         let places = members.iter().map(|&member| (self.tracks[member].motion.position_m, share));
         let middle_m = self.surface.weighted_mean(seen_m, places);
-        let missed_m = step_between(&self.surface, middle_m, seen_m);
+        let missed_m = self.surface.step(middle_m, seen_m);
         let mut spread =
             [0, 1, 2].map(|axis| [0, 1, 2].map(|other| if axis == other { MIDDLE_M.powi(2) } else { 0.0 }));
         for way_m in &ways_m {
@@ -70,7 +69,7 @@ impl Tracker {
     /// Farther from the sighting than this it would be resolved.
     fn keep_near(&mut self, member: usize, seen_m: Point3) {
         let motion = &mut self.tracks[member].motion;
-        let off_m = step_between(&self.surface, seen_m, motion.position_m);
+        let off_m = self.surface.step(seen_m, motion.position_m);
         let over = norm(off_m) / (SEEN_AS_ONE * self.options.merge_m) - 1.0;
         if over > 0.0 {
             motion.shift(&self.surface, scale(off_m, -over / (1.0 + over)));

@@ -1,10 +1,10 @@
 //! The skin as drawn by the page.
 
 use dermis::design::{ElectrodeShape, SkinDesign, TouchEffect};
-use dermis::geom::vector::{Point3, add, cross, normalize, scale, sub};
+use dermis::geom::vector::{Point3, node_normals};
 use dermis::geom::{Chart, Surface};
 use dermis::image::PixelSpace;
-use dermis::mesh::{Cells, Mesh};
+use dermis::mesh::Mesh;
 use dermis::reconstruct::Quantity;
 use dermis::skin::Skin;
 use serde_json::{Value, json};
@@ -88,11 +88,7 @@ fn unrolled(skin: &Skin) -> Value {
 fn electrode(skin: &Skin, index: usize) -> (Point3, Point3) {
     let centre = skin.design().electrodes[index].centre_m;
     let place = if centre.iter().all(|value| value.is_finite()) { centre } else { skin.mesh().electrode_centre(index) };
-    let nearest = || {
-        let away = |pixel: &usize| dermis::geom::vector::distance(skin.pixels().centres_m[*pixel], place);
-        (0..skin.pixels().len()).min_by(|a, b| away(a).total_cmp(&away(b))).map(|pixel| skin.pixels().normals[pixel])
-    };
-    (place, skin.pixels().surface.normal(place).or_else(nearest).unwrap_or([0.0, 0.0, 1.0]))
+    (place, skin.pixels().normal(place))
 }
 
 fn radius_m(skin: &Skin, index: usize) -> f64 {
@@ -147,10 +143,9 @@ fn cylinder(radius_m: f64, length_m: f64, [rows, columns]: [usize; 2], pixels: &
 
 /// Any body by its mesh; a vertex shows the four nearest pixels, weighted by distance.
 fn any_body(mesh: &Mesh, pixels: &PixelSpace) -> Drawn {
-    let triangles = outside(mesh);
     let mut index_of: HashMap<usize, usize> = HashMap::new();
     let mut drawn = Drawn::default();
-    for triangle in triangles {
+    for (triangle, _) in mesh.outer_faces() {
         let corners = triangle.map(|node| {
             *index_of.entry(node).or_insert_with(|| {
                 drawn.vertices_m.push(mesh.nodes[node]);
@@ -159,14 +154,7 @@ fn any_body(mesh: &Mesh, pixels: &PixelSpace) -> Drawn {
         });
         drawn.triangles.push(corners);
     }
-    drawn.normals = vec![[0.0; 3]; drawn.vertices_m.len()];
-    for triangle in &drawn.triangles {
-        let [a, b, c] = triangle.map(|corner| drawn.vertices_m[corner]);
-        // The length of the normal is twice the area of the triangle: large triangles have more weight.
-        let normal = cross(sub(b, a), sub(c, a));
-        triangle.iter().for_each(|&corner| drawn.normals[corner] = add(drawn.normals[corner], normal));
-    }
-    drawn.normals.iter_mut().for_each(|normal| *normal = normalize(*normal));
+    drawn.normals = node_normals(&drawn.vertices_m, drawn.triangles.iter().copied());
     drawn.weights = drawn.vertices_m.iter().map(|&vertex| nearest_pixels(vertex, pixels)).collect();
     drawn
 }
@@ -187,39 +175,10 @@ fn nearest_pixels(vertex: Point3, pixels: &PixelSpace) -> Weights {
     (nearest.map(|(_, pixel)| pixel), shares.map(|share| share / sum))
 }
 
-/// The triangles of a surface, or the boundary of a volume: faces that belong to one tetrahedron only, oriented
-/// outwards.
-fn outside(mesh: &Mesh) -> Vec<[usize; 3]> {
-    let tetrahedra = match &mesh.cells {
-        Cells::Triangles(triangles) => return triangles.clone(),
-        Cells::Tetrahedra(tetrahedra) => tetrahedra,
-    };
-    let mut faces: HashMap<[usize; 3], Option<([usize; 3], usize)>> = HashMap::new();
-    for corners in tetrahedra {
-        for opposite in 0..4 {
-            let face: Vec<usize> = (0..4).filter(|&corner| corner != opposite).map(|corner| corners[corner]).collect();
-            let face = [face[0], face[1], face[2]];
-            let mut key = face;
-            key.sort_unstable();
-            faces.entry(key).and_modify(|inner| *inner = None).or_insert(Some((face, corners[opposite])));
-        }
-    }
-    let turned = |(face, inner): ([usize; 3], usize)| {
-        let [a, b, c] = face.map(|node| mesh.nodes[node]);
-        let normal = cross(sub(b, a), sub(c, a));
-        let centre = scale(add(add(a, b), c), 1.0 / 3.0);
-        let away = sub(centre, mesh.nodes[inner]);
-        let outwards = normal.iter().zip(&away).map(|(n, d)| n * d).sum::<f64>() > 0.0;
-        if outwards { face } else { [face[0], face[2], face[1]] }
-    };
-    let mut faces: Vec<[usize; 3]> = faces.into_values().flatten().map(turned).collect();
-    faces.sort_unstable();
-    faces
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dermis::geom::vector::{cross, sub};
     use dermis::mesh::Mesh;
 
     #[test]

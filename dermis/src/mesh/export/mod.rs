@@ -7,7 +7,7 @@ mod vtu;
 pub use stl::write_stl;
 
 use crate::files::{ending, write_whole};
-use crate::mesh::{Cells, ElectrodePatch, Mesh, MeshError};
+use crate::mesh::{ElectrodePatch, Mesh, MeshError};
 use std::io::Write;
 use std::path::Path;
 
@@ -135,25 +135,4 @@ fn electrodes_of_cells(mesh: &Mesh) -> Vec<Vec<usize>> {
         }
     }
     of_cell
-}
-
-/// The triangles of a surface, or those on the outside of a volume, counter-clockwise as seen from outside.
-fn outside(mesh: &Mesh) -> Vec<[usize; 3]> {
-    match &mesh.cells {
-        Cells::Triangles(cells) => cells.clone(),
-        Cells::Tetrahedra(cells) => {
-            let mut faces: Vec<([usize; 3], [usize; 3])> = Vec::with_capacity(4 * cells.len());
-            for &[a, b, c, d] in cells {
-                for face in [[b, d, c], [a, c, d], [a, d, b], [a, b, c]] {
-                    let mut key = face;
-                    key.sort_unstable();
-                    // From d (inside), abc is counter-clockwise.
-                    faces.push((key, if face == [a, b, c] { [a, c, b] } else { face }));
-                }
-            }
-            faces.sort_unstable();
-            let single = faces.chunk_by(|one, other| one.0 == other.0).filter(|same| same.len() == 1);
-            single.map(|same| same[0].1).collect()
-        }
-    }
 }

@@ -1,14 +1,13 @@
 //! Binary STL.
 
-use super::outside;
 use crate::geom::Point3;
 use crate::geom::vector::{cross, normalize, sub};
 use crate::mesh::Mesh;
 use std::io::{self, Write};
 
 pub(super) fn write(mesh: &Mesh, out: &mut dyn Write) -> io::Result<()> {
-    let triangles = outside(mesh).into_iter().map(|triangle| triangle.map(|node| mesh.nodes[node])).collect::<Vec<_>>();
-    write_stl(&triangles, "dermis, in m", out)
+    let faces = mesh.outer_faces().into_iter();
+    write_stl(&faces.map(|(face, _)| face.map(|node| mesh.nodes[node])).collect::<Vec<_>>(), "dermis, in m", out)
 }
 
 /// Writes triangles as a binary STL file, in the unit of their corners, which the title of at most 80 bytes should name.
