@@ -1,6 +1,7 @@
 //! Correction of the contacts of another method by measured presses.
 
 use crate::calibration::Label;
+use crate::covariance::matern;
 use crate::error::CalibrateError;
 use crate::gaussian_process::{GaussianProcess, Group, Input};
 use crate::located::{REGION_SHARE, limit};
@@ -12,6 +13,7 @@ use dermis::contact::Contact;
 use dermis::detect::Detector;
 use dermis::files::sha256;
 use dermis::frame::Frame;
+use dermis::geom::vector::distance;
 use dermis::geom::{Point3, Surface};
 use dermis::image::PixelSpace;
 use dermis::method::Method;
@@ -26,7 +28,9 @@ pub(crate) const MIN_FOUND: usize = 20;
 /// A contact further from the label is not that press, m.
 const GATE_M: f64 = dermis::contact::GATE_M;
 /// Typical length over which errors of a method vary, as a part of the size of the skin.
-const LENGTH_PART: f64 = 0.1;
+pub(crate) const LENGTH_PART: f64 = 0.1;
+/// The part of the labels whose distance from the nearest other one cross-validation has tried.
+const MOST_GAPS: f64 = 0.9;
 
 /// What measured presses state of the contacts of another method (a network, or a linear one): a shift of the position
 /// that varies over the skin, the force as a function of the strength, the frame and the position, and the deviations
@@ -64,9 +68,43 @@ pub struct Correction {
     sd_factor: f64,
     force: Option<ForceCorrection>,
     quality: CorrectionQuality,
+    /// Where there were labels; `None` in a correction of before this was stored.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    labelled: Option<Labelled>,
     /// The untouched frame of the labels, ohm, if it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) rest: Option<Frame>,
+}
+
+/// The part of a skin for which labels speak.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Labelled {
+    /// The contacts of the labels, m.
+    places_m: Vec<Point3>,
+    /// Cross-validation has tried the correction up to this distance from the nearest other label, m.
+    tried_m: f64,
+    /// The length over which errors vary beyond it, m.
+    length_m: f64,
+}
+
+impl Labelled {
+    fn new(found: &[Found], length_m: f64) -> Self {
+        let mut places_m: Vec<Point3> = Vec::new();
+        let mut known = BTreeSet::new();
+        places_m.extend(found.iter().filter(|one| known.insert(one.group().place)).map(|one| one.contact.position_m));
+        let gaps_m = sorted((0..places_m.len()).map(|own| {
+            let others = (0..places_m.len()).filter(|&other| other != own);
+            others.map(|other| distance(places_m[own], places_m[other])).fold(f64::INFINITY, f64::min)
+        }));
+        let tried_m = if gaps_m.len() > 1 { quantile(&gaps_m, MOST_GAPS) } else { 0.0 };
+        Labelled { places_m, tried_m, length_m }
+    }
+
+    /// How much the labels say of a place: 1 among them, 0 far from them.
+    fn weight(&self, place_m: Point3) -> f64 {
+        let nearest_m = self.places_m.iter().map(|other| distance(*other, place_m)).fold(f64::INFINITY, f64::min);
+        matern((nearest_m - self.tried_m).max(0.0) / self.length_m)
+    }
 }
 
 /// Forces from contacts.
@@ -195,6 +233,7 @@ impl Correction {
             },
             force: force.map(|(force, _)| force),
             quality,
+            labelled: Some(Labelled::new(&found, length_m)),
             rest: None,
         })
     }
@@ -247,6 +286,7 @@ impl Correction {
         };
         self.shift_m.iter().flatten().all(|shift| shift.is_consistent(0))
             && self.force.as_ref().is_none_or(force)
+            && self.labelled.as_ref().is_none_or(|labelled| labelled.length_m > 0.0 && labelled.tried_m >= 0.0)
             && self.sd_factor > 0.0
     }
 
@@ -262,12 +302,18 @@ impl Correction {
                 let relative_sd = force.relative_sd * less_certain(contact.sd_m, force.usual_sd_m);
                 [contact.force_n, contact.force_sd_n] = force_within(log, force.range, relative_sd);
             }
+            // Far from the labels the contacts are those of the method, and a shift as near the labels is not known.
+            let weight = self.labelled.as_ref().map_or(1.0, |labelled| labelled.weight(contact.position_m));
+            let mut unknown_m = 0.0;
             if let Some(shift_m) = &self.shift_m {
                 let place = Input { position_m: contact.position_m, features: Vec::new() };
-                contact.position_m = surface.walk(contact.position_m, [0, 1].map(|axis| shift_m[axis].predict(&place)));
+                let shift_m = [0, 1].map(|axis| shift_m[axis].predict(&place));
+                unknown_m = (1.0 - weight * weight).sqrt() * shift_m[0].hypot(shift_m[1]);
+                contact.position_m = surface.walk(contact.position_m, shift_m.map(|shift_m| weight * shift_m));
                 contact.normal = surface.normal(contact.position_m).unwrap_or(contact.normal);
             }
-            contact.sd_m *= self.sd_factor;
+            let sd_factor = weight * self.sd_factor + (1.0 - weight) * self.sd_factor.max(1.0);
+            contact.sd_m = (sd_factor * contact.sd_m).hypot(unknown_m / 2f64.sqrt());
         }
     }
 }
@@ -286,7 +332,8 @@ impl ForceCorrection {
         let single: Vec<Input> = known.iter().map(|one| single_input(&one.contact, &frames[one.frame])).collect();
         let several: Vec<Input> = known.iter().map(|one| several_input(&one.contact)).collect();
         let (single, left) = GaussianProcess::fit(&single, &logs, &groups, length_m)?;
-        if rms(left.iter().copied()) >= mean_and_sd(&logs).1 {
+        // Whatever else they say, frames grow with the force.
+        if rms(left.iter().copied()) >= mean_and_sd(&logs).1 || single.slope() <= 0.0 {
             return Ok(None);
         }
         let (several, _) = GaussianProcess::fit(&several, &logs, &groups, length_m)?;
@@ -399,6 +446,6 @@ fn sd_factor(found: &[Found], left_m: &[f64]) -> f64 {
 }
 
 /// The diagonal of the bounding box of the skin.
-fn size_m(pixels: &PixelSpace) -> f64 {
+pub(crate) fn size_m(pixels: &PixelSpace) -> f64 {
     pixels.box_m().iter().map(|[low, high]| (high - low).powi(2)).sum::<f64>().sqrt()
 }

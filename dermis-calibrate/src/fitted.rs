@@ -1,7 +1,7 @@
 //! The calibration that presses give: a forward map, or the correction of a method.
 
 use crate::calibration::{Calibration, Label, LabelFrame, Quality, check, check_positions, flatten};
-use crate::correction::{Correction, CorrectionQuality};
+use crate::correction::{Correction, CorrectionQuality, LENGTH_PART, size_m};
 use crate::error::CalibrateError;
 use crate::matching::MIN_EVIDENCE;
 use crate::strength::UnusedForces;
@@ -18,6 +18,10 @@ use dermis::skin::Skin;
 use dermis::text::counted;
 use serde::Serialize;
 use std::path::Path;
+
+/// Where fewer pixels of a skin than this part are near a label, a calibration is warned of: twenty labels at random places are near
+/// half of them.
+const MIN_COVERED: f64 = 1.0 / 3.0;
 
 /// A calibration of either kind.
 #[derive(Debug, Clone)]
@@ -222,9 +226,13 @@ impl Fitted {
         }
     }
 
-    /// What speaks against the places of the labels without refuting them: of a correction, a shift of all of them alike that
-    /// is larger than the errors it leaves.
-    pub fn doubt(&self) -> Option<String> {
+    /// What speaks against the places of labels on a skin, or limits what they say, without refuting them.
+    pub fn doubts(&self, skin: &Skin, labels: &[Label]) -> Vec<String> {
+        self.common_shift().into_iter().chain(self.uncovered(skin, labels)).collect()
+    }
+
+    /// Of a correction, a shift of all labels alike that is larger than the errors it leaves.
+    fn common_shift(&self) -> Option<String> {
         let Fitted::Correction(correction) = self else { return None };
         let CorrectionQuality { common_shift_m, mean_error_before_m, mean_error_m, .. } = *correction.quality();
         let is_most = |shift_m: &f64| *shift_m > mean_error_m && *shift_m > 0.5 * mean_error_before_m;
@@ -235,6 +243,33 @@ impl Fitted {
             1e3 * shift_m,
             correction.method()
         ))
+    }
+
+    /// Labels that lie in a small part of a skin, or on a line.
+    fn uncovered(&self, skin: &Skin, labels: &[Label]) -> Option<String> {
+        let pose = match self {
+            Fitted::ForwardMap(map) => map.pose(),
+            Fitted::Correction(_) => None,
+        };
+        let (pixels, near_m) = (skin.pixels(), LENGTH_PART * size_m(skin.pixels()));
+        // How deep a robot presses is no place on the skin.
+        let apart_m = |a: Point3, b: Point3| match pose {
+            Some(_) => (a[0] - b[0]).hypot(a[1] - b[1]),
+            None => distance(a, b),
+        };
+        let is_near = |place_m: &&Point3| {
+            let place_m = pose.map_or(**place_m, |pose| pose.to_robot(**place_m));
+            labels.iter().any(|label| apart_m(label.position_m, place_m) <= near_m)
+        };
+        let part = pixels.centres_m.iter().filter(is_near).count() as f64 / pixels.len() as f64;
+        (part < MIN_COVERED).then(|| {
+            format!(
+                "{:.0} % of the skin lie within {:.0} mm of a label: of the rest the calibration knows nothing, and its errors \
+                 are not those of the labels. Press all over the skin",
+                1e2 * part,
+                1e3 * near_m
+            )
+        })
     }
 
     /// Writes it to a folder, which is created.

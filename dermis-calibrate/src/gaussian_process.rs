@@ -117,6 +117,13 @@ impl GaussianProcess {
         self.mean + terms.map(|(known, weight)| weight * self.hyperparameters.covariance(known, &input)).sum::<f64>()
     }
 
+    /// How it changes where all features grow by a standard deviation.
+    pub(crate) fn slope(&self) -> f64 {
+        let terms = self.inputs.iter().zip(&self.weights);
+        let of_features = terms.map(|(known, weight)| weight * known.features.iter().sum::<f64>()).sum::<f64>();
+        self.hyperparameters.feature_variance * of_features
+    }
+
     /// Whether it was stored whole, for a number of features.
     pub(crate) fn is_consistent(&self, features: usize) -> bool {
         let fits = |input: &Input| input.features.len() == features;

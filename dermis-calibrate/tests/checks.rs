@@ -192,6 +192,17 @@ fn check_axes(sound: &Sound, positions_m: &[Point3], changes: &[Change]) {
 fn reversed_and_exchanged_axes_of_a_disk_are_named() {
     let sound = disk();
     check_axes(&sound, &press_positions(&sound, 41), &FLAT);
+    check_axes(
+        &sound,
+        &press_positions(&sound, 41),
+        &[(turned, "turn the positions by about -45 degrees about the middle")],
+    );
+}
+
+/// A position turned by 40 degrees about the axis z.
+fn turned([x, y, z]: Point3) -> Point3 {
+    let (sin, cos) = 40_f64.to_radians().sin_cos();
+    [cos * x - sin * y, sin * x + cos * y, z]
 }
 
 #[test]
@@ -208,6 +219,11 @@ fn reversed_axes_of_a_rectangle_and_a_cylinder_are_named() {
         (|[x, y, z]| [x, y, 0.12 - z], "write length_m - z_m in place of z_m in the truth;"),
         (|[x, y, z]| [x, -y, z], "write -theta_rad in place of theta_rad in the truth;"),
     ];
+    check_axes(
+        &sound,
+        &press_positions(&sound, 43),
+        &[(turned, "turn the positions by about -45 degrees about the axis")],
+    );
     check_axes(&sound, &press_positions(&sound, 43), &changes);
 }
 

@@ -2,6 +2,7 @@
 
 use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
+use dermis::contact::GATE_M;
 use dermis::frame::Differences;
 use dermis::method::MethodError;
 use dermis::skin::Skin;
@@ -89,6 +90,10 @@ fn correction_summary(correction: &Correction) -> Table {
         table.pair("of which all labels alike", format!("{:.2} mm", 1e3 * shift_m));
     }
     table.pair("mean error, cross-validated", format!("{:.2} mm", 1e3 * mean_error_m));
+    if let Some([_, after_m]) = quality.with_misses_m.filter(|_| found < labels) {
+        let name = format!("of all, where one not found counts as {:.0} mm", 1e3 * GATE_M);
+        table.pair(&name, format!("{:.2} mm", 1e3 * after_m));
+    }
     force_row(&mut table, force_error, force_spread);
     table
 }

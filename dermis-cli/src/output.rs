@@ -42,6 +42,16 @@ impl Output {
         }
     }
 
+    /// Refuses the ending of another kind of file than an array's: text of any ending is CSV.
+    pub fn check_array(&self, what: &str) -> Outcome {
+        const OTHER: [&str; 12] =
+            ["json", "jsonl", "mcap", "mat", "h5", "hdf5", "parquet", "xlsx", "toml", "svg", "png", "html"];
+        if OTHER.contains(&self.ending().as_str()) {
+            return Err(self.unknown_ending(what, ".csv, .npy or .npz"));
+        }
+        Ok(())
+    }
+
     /// Writes an array in row-major order in the format of the file's ending; CSV to standard output.
     pub fn write_array(&self, name: &str, shape: &[usize], values: &[f64]) -> Outcome {
         match self.file() {

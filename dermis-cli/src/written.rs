@@ -1,7 +1,9 @@
 //! The files and folders that a command writes, checked before it computes.
 
+use crate::output::Output;
 use clap::{Arg, ArgMatches, Command};
 use dermis::files::check_writable;
+use std::any::TypeId;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -44,8 +46,12 @@ pub fn refusal(command: &Command, matches: &ArgMatches) -> Option<String> {
         if of_file(path).is_some_and(|file| read.contains(&file)) {
             return Some(format!("{name}: the command reads this file, and it would be lost. Choose another name"));
         }
-        // Standard output; the demonstration makes the folder of its page.
-        let is_free = path == Path::new("-") || command.get_name() == "demo";
+        let is_standard_output = path == Path::new("-");
+        if is_standard_output && option.get_value_parser().type_id() != TypeId::of::<Output>() {
+            return Some(format!("{name}: it is not written to standard output. Name a file or folder"));
+        }
+        // The demonstration makes the folder of its page.
+        let is_free = is_standard_output || command.get_name() == "demo";
         let found = if is_free { Ok(()) } else { check_writable(path, is_folder(option)) };
         found.err().map(|error| format!("{name}: {error}"))
     };

@@ -74,7 +74,10 @@ fn frames_that_no_design_fits_are_refused() {
             .replace("[protocol]", "[protocol]\nmeasures_reversed = true"),
     );
     let wrong = at.refused("fit backwards.toml --frames rest.csv -o wrong.toml");
-    assert!(wrong.contains("correlate at -1.00") && wrong.contains("measures_reversed"), "{wrong}");
+    assert!(
+        wrong.contains("agree with the untouched frame of the design by -") && wrong.contains("measures_reversed"),
+        "{wrong}"
+    );
     assert!(!at.path("wrong.toml").exists());
     // A fitted design carries the channel table that the design names.
     let pairs =

@@ -43,8 +43,8 @@ impl MethodSource for Networks {
     fn method(&self, skin: &Skin, name: &str, options: &MethodOptions) -> Result<Option<Method>, MethodError> {
         let label = match (shipped::files(name).is_some(), is_path(name)) {
             (true, _) => format!("shipped network `{name}`"),
-            (false, true) => format!("network in {name}"),
-            (false, false) => return Ok(None),
+            (false, true) if Model::is_folder(Path::new(name)) => format!("network in {name}"),
+            (false, _) => return Ok(None),
         };
         options.check_not_linear(name)?;
         let model = Model::named(name, skin)?;

@@ -123,6 +123,11 @@ impl Model {
         Ok(Model::new(card, network, pixels))
     }
 
+    /// Whether a folder has the card of a network.
+    pub(crate) fn is_folder(folder: &Path) -> bool {
+        folder.join(CARD).is_file()
+    }
+
     /// Writes the model into a folder, which is created if missing. Matrices and convolutions are stored in the given
     /// precision, all other values in single precision.
     ///

@@ -71,7 +71,7 @@ impl Calibration {
             doubt(py, &reason, Alternatives::FIX, !force)?;
         }
         let unused = fitted.unused_forces(&labels).map(|why| format!("forces are not used: {why}"));
-        for reason in fitted.doubt().into_iter().chain(unused) {
+        for reason in fitted.doubts(skin.skin(), &labels).into_iter().chain(unused) {
             py.import("warnings")?.call_method1("warn", (reason,))?;
         }
         Ok(Calibration { skin: skin.clone(), fitted })

@@ -1,4 +1,4 @@
-//! Positions of presses on the skin whose axes are reversed or exchanged.
+//! Positions of presses on the skin whose axes are reversed or exchanged, or that are turned.
 
 use crate::checks::correlation::{cosine, standardised, unit_rows};
 use crate::checks::model::{ModelChannels, compressed};
@@ -8,11 +8,11 @@ use crate::matching::{MIN_EVIDENCE, evidence_of};
 use dermis::design::Body;
 use dermis::finding::{Finding, FindingKind};
 use dermis::geom::vector::distance;
-use dermis::geom::{Chart, Point3, Shape};
+use dermis::geom::{Chart, Point2, Point3, Shape};
 use dermis::stats::mean;
 use faer::Mat;
 use rayon::prelude::*;
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 /// Fewest presses that are judged.
 const MIN_ROWS: usize = 20;
@@ -25,12 +25,20 @@ const MORE: f64 = 0.15;
 /// ... and more in this part of the frames.
 const PART: f64 = 0.75;
 
+/// Turned positions are tried at this many angles of a turn, and may leave the body by this part of its size: presses at an edge,
+/// turned by half a step more than is right, leave it by less.
+const TURNS: usize = 24;
+const OFF: f64 = 0.15;
+
 /// A change of the axes of positions.
+#[derive(Default)]
 struct Axes {
     /// Whether the two coordinates are exchanged before they are reversed.
     exchanged: bool,
     /// The coordinates that are reversed.
     reversed: [bool; 2],
+    /// In place of both: by how many of [`TURNS`] they are turned, on a flat skin about its middle, else about its axis.
+    turned: usize,
 }
 
 /// The coordinates of the positions on a body; reversed ones are mirrored in the middle of their range.
@@ -53,20 +61,39 @@ impl Coordinates {
         Some(Coordinates { chart, names, reversed })
     }
 
-    /// All changes of the axes but none.
+    /// All changes of the axes but none. Of equal ones the last is named: half a turn is both axes reversed.
     fn changes(&self) -> impl Iterator<Item = Axes> {
         let exchanged = if self.chart.period_m().is_some() { &[false][..] } else { &[false, true] };
         let all = exchanged.iter().flat_map(|&exchanged| {
-            [[false, false], [true, false], [false, true], [true, true]].map(|reversed| Axes { exchanged, reversed })
+            let reversed = [[false, false], [true, false], [false, true], [true, true]];
+            reversed.map(|reversed| Axes { exchanged, reversed, turned: 0 })
         });
-        all.filter(|axes| axes.exchanged || axes.reversed != [false; 2])
+        let turned = (1..TURNS).map(|turned| Axes { turned, ..Axes::default() });
+        turned.chain(all.filter(|axes| axes.exchanged || axes.reversed != [false; 2]))
     }
 
     /// Positions with other axes; `None` where one of them is off the body.
     fn changed(&self, axes: &Axes, positions_m: &[Point3]) -> Option<Vec<Point3>> {
         let [low, high] = self.chart.bounds_m();
+        let turn = |[a, b]: Point2| match (axes.turned as f64 / TURNS as f64, self.chart.period_m()) {
+            (part, Some(period_m)) => [a + part * period_m, b],
+            (part, None) => {
+                let (sin, cos) = (part * TAU).sin_cos();
+                let middle = [0, 1].map(|k| 0.5 * (low[k] + high[k]));
+                let [x, y] = [a - middle[0], b - middle[1]];
+                [middle[0] + cos * x - sin * y, middle[1] + sin * x + cos * y]
+            }
+        };
         let change = |position_m: &Point3| {
             let [a, b] = self.chart.unroll(*position_m);
+            if axes.turned > 0 {
+                let turned = self.chart.wrap(turn([a, b]));
+                let inside = (0..2).all(|k| {
+                    let off = OFF * (high[k] - low[k]);
+                    (low[k] - off..=high[k] + off).contains(&turned[k])
+                });
+                return inside.then(|| self.chart.roll([0, 1].map(|k| turned[k].clamp(low[k], high[k]))));
+            }
             let given = if axes.exchanged { [b, a] } else { [a, b] };
             let mirror = |k: usize| if axes.reversed[k] { low[k] + high[k] - given[k] } else { given[k] };
             let changed = [mirror(0), mirror(1)];
@@ -80,6 +107,15 @@ impl Coordinates {
     /// What to do, where the positions fit with other axes.
     fn fix(&self, axes: &Axes) -> String {
         let [first, second] = self.names;
+        if axes.turned > 0 {
+            let degrees = 360.0 * axes.turned as f64 / TURNS as f64;
+            let degrees = if degrees > 180.0 { degrees - 360.0 } else { degrees };
+            let about = if self.chart.period_m().is_some() { "the axis" } else { "the middle of the skin" };
+            return format!(
+                "turn the positions by about {degrees:.0} degrees about {about}, counter-clockwise if positive; if they are \
+                 right, the electrodes are elsewhere on the skin"
+            );
+        }
         let mut steps = Vec::new();
         if axes.exchanged {
             steps.push(format!("exchange the columns {first} and {second} of the truth"));

@@ -149,10 +149,14 @@ pub fn check_recording(skin: &Skin, recording: &Recording<'_>) -> Result<Checked
     let mut checked = check.finish(&order);
     if let Some(baseline) = mean(recording.untouched) {
         let plausible = Plausibility::new(&skin.design().protocol, skin.untouched()?, &[]);
-        let unlike = plausible.of_frames(recording.frames, &baseline);
-        let is_new = |found: &Finding| checked.findings.iter().all(|known| known.kind != found.kind);
-        if let Some(unlike) = unlike.filter(is_new) {
+        if let Some(unlike) = plausible.of_frames(recording.frames, &baseline)
+            && checked.findings.iter().all(|known| known.kind != unlike.kind)
+        {
             checked.findings.insert(0, unlike);
+        }
+        // What names the cause says more.
+        if let Some(unlike) = plausible.of_baseline(&baseline).filter(|_| checked.findings.is_empty()) {
+            checked.findings.push(unlike);
         }
     }
     Ok(checked)

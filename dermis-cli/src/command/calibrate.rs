@@ -117,9 +117,7 @@ impl Arguments {
             }
             warn(&format!("{reason}; {fix}"));
         }
-        if let Some(doubt) = fitted.doubt() {
-            warn(&doubt);
-        }
+        fitted.doubts(&skin, &labels).iter().for_each(|doubt| warn(doubt));
         fitted.save(&self.output, skin.design())?;
         if self.json {
             let mut json = fitted::to_json(&fitted, &skin.design().name, &labels);

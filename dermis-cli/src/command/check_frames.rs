@@ -53,8 +53,11 @@ impl Arguments {
         }
         let skin = skin::load(&self.design)?;
         skin::warn_if_ambiguous(&skin)?;
-        let Recorded { frames, untouched, .. } = self.frames.read_recorded(&skin, &[], Incomplete::Refused)?;
-        let presses = self.truth.as_ref().map(|path| Presses::read(path, &skin, frames.len())).transpose()?;
+        // What is realigned has a row for each frame.
+        let incomplete = if self.realign.is_some() { Incomplete::Refused } else { Incomplete::LeftOut };
+        let Recorded { frames, untouched, used, .. } = self.frames.read_recorded(&skin, &[], incomplete)?;
+        let presses = self.truth.as_ref().map(|path| Presses::read(path, &skin, used.count)).transpose()?;
+        let presses = presses.map(|presses| presses.of_rows(&used.rows));
         let positions_m = presses.as_ref().map(Presses::positions_m);
         let mut checked = {
             let _waiting = Progress::waiting("checking the frames");
@@ -64,6 +67,7 @@ impl Arguments {
         if let Some(unlike) = self.frames.of_model(&skin, &frames)? {
             checked.findings.insert(0, unlike);
         }
+        checked.findings.iter_mut().for_each(|found| found.rows = used.rows_of(&found.rows));
         if let Some(path) = &self.realign {
             write_frames(path, &realigned(&frames, &checked.lags)?)?;
         }

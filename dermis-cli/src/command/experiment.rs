@@ -29,12 +29,12 @@ pub struct Arguments {
     /// Sets to simulate.
     #[arg(long, value_enum, value_name = "SET,...", value_delimiter = ',', default_value = "grid,random,two,four")]
     sets: Vec<SetName>,
-    /// Touches at once in the set `four`; the set is called `several` where they are not four.
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = count(2..=16usize))]
-    touches: usize,
-    /// Least distance of these touches from each other, m.
-    #[arg(long, value_name = "M", default_value_t = 0.06, value_parser = number(1e-3..=1.0))]
-    apart: f64,
+    /// Touches at once in the set `four`; the set is called `several` where they are not four [default: 4]
+    #[arg(long, value_name = "N", value_parser = count(2..=16usize))]
+    touches: Option<usize>,
+    /// Least distance of these touches from each other, m [default: 0.06]
+    #[arg(long, value_name = "M", value_parser = number(1e-3..=1.0))]
+    apart: Option<f64>,
     /// Folder to write; it must not exist, or be empty.
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
@@ -62,6 +62,10 @@ enum SetName {
 impl Arguments {
     /// Simulates the presses and writes the frames.
     pub fn run(self) -> Outcome {
+        if (self.touches.is_some() || self.apart.is_some()) && !self.sets.contains(&SetName::Four) {
+            let fix = "add `four` to --sets, or leave them out";
+            return Err(Failure::given("--touches and --apart are those of the set `four`", Some(fix)));
+        }
         let design = SkinDesign::load(&self.design)?;
         let options = self.twin.load()?;
         let folder = new_folder(&self.output)?;
@@ -97,8 +101,8 @@ impl Arguments {
             random: of(SetName::Random, all.random),
             pairs: pairs.checked_div(distances).unwrap_or(0),
             fours: of(SetName::Four, all.fours),
-            touches: self.touches,
-            apart_m: self.apart,
+            touches: self.touches.unwrap_or(all.touches),
+            apart_m: self.apart.unwrap_or(all.apart_m),
             separations_m: all.separations_m[..distances].to_vec(),
         }
     }

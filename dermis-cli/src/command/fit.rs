@@ -9,8 +9,9 @@ use crate::skin;
 use crate::used::Used;
 use clap::{Args, ValueEnum};
 use dermis::design::{SheetKind, SkinDesign};
+use dermis::finding::Finding;
 use dermis::fit::{Contacts, Determination, Fit, FitOptions, FittedQuantity, Misfit, Offset, Quantity, fit};
-use dermis::frame::{ReadOptions, write_whole};
+use dermis::frame::{ReadOptions, mean, write_whole};
 use dermis::plausibility::Plausibility;
 use dermis_plot::report::Table;
 use serde::Serialize;
@@ -90,7 +91,11 @@ impl Arguments {
         let options = ReadOptions { left_out: &left_out, keep_incomplete: true, untouched: true, part: None };
         let frames = self.format.read_divided(&self.frames, &design.protocol, &options, self.currents.as_deref())?;
         let frames = Used::of(&self.frames, &frames)?.select(&frames);
-        warn_if_unlike(&Plausibility::new(&design.protocol, skin.untouched()?, &left_out), &frames);
+        let check = Plausibility::new(&design.protocol, skin.untouched()?, &left_out);
+        warn_if_unlike(&check, &frames);
+        if let Some(Finding { evidence, fix, .. }) = mean(&frames).and_then(|mean| check.of_baseline(&mean)) {
+            warn(&format!("{}: {evidence}; {fix}", self.frames.display()));
+        }
         let options = FitOptions { contacts: self.contacts.into(), left_out };
         let progress = Progress::waiting("fitting the design");
         let fit = fit(design, skin.mesh(), &frames, &options)?;

@@ -55,6 +55,7 @@ struct FrameValues<'a> {
 impl Arguments {
     /// Solves the forward problem for every map.
     pub fn run(self) -> Outcome {
+        self.output.iter().try_for_each(|output| output.check_array("frames"))?;
         let skin = skin::load(&self.design)?;
         skin::warn_if_ambiguous(&skin)?;
         let frames = match &self.touches {

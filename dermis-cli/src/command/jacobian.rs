@@ -25,6 +25,7 @@ pub struct Arguments {
 impl Arguments {
     /// Computes and writes the matrix.
     pub fn run(self) -> Outcome {
+        self.output.check_array("matrices")?;
         let skin = skin::load(&self.design)?;
         let conductivity = skin::conductivity(&skin, self.conductivity.as_deref())?;
         let matrix = match self.per {

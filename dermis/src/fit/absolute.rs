@@ -71,7 +71,7 @@ mod tests {
         assert!((without_sign.frames[0][4] + 0.2).abs() < 1e-12, "{:?}", without_sign.frames[0]);
         let turned = Frame(frame.iter().map(|value| -value).collect());
         let error = model_differences(&protocol, &model, &[turned], &[9]).unwrap_err();
-        assert!(matches!(error, FitError::Unlike { correlation } if correlation < -0.9), "{error}");
+        assert!(matches!(error, FitError::Unlike { agreement } if agreement < 0.0), "{error}");
         assert_eq!(model_differences(&protocol, &model, &[], &[]), Err(FitError::NoFrame));
     }
 }

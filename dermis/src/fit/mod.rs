@@ -39,9 +39,10 @@ mod variance;
 pub use absolute::{ModelDifferences, model_differences};
 
 use crate::design::SkinDesign;
-use crate::estimate::scale::{Scale, least_squares};
+use crate::estimate::scale::least_squares;
 use crate::frame::Frame;
 use crate::mesh::Mesh;
+use crate::plausibility::{DOUBTFUL, agreement};
 use crate::protocol::Protocol;
 use model::Model;
 use serde::{Deserialize, Serialize};
@@ -58,10 +59,6 @@ const UNDETERMINED_SD: f64 = 0.5;
 /// that is like the errors of a model, and these are not independent from channel to channel: on simulated frames of
 /// another mesh, an impedance that was wrong by a factor of 15 had a stated deviation of 0.36.
 const UNREAD_SD: f64 = 0.05;
-
-/// Minimum correlation of the frames with the model of the design, over the channels without a driven electrode, which
-/// hardly depend on the contacts. Frames with the opposite sign or in another order have less.
-const MIN_CORRELATION: f64 = 0.7;
 
 /// The contact impedances to fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -129,12 +126,12 @@ pub enum FitError {
     },
     /// Frames that are unlike the model.
     #[error(
-        "the frames correlate at {correlation:.2} with the untouched frame of the design: check the order of the \
-         channels, their signs (`measures_reversed`) and that the skin is untouched"
+        "the frames agree with the untouched frame of the design by {agreement:.2} (1: exactly, 0: by chance): check the order of \
+         the channels, their signs (`measures_reversed`) and that the skin is untouched"
     )]
     Unlike {
-        /// Correlation with the untouched frame of the model, about zero.
-        correlation: f64,
+        /// [Agreement](crate::plausibility) with the untouched frame of the model.
+        agreement: f64,
     },
 }
 
@@ -265,8 +262,9 @@ fn quantities(model: &Model<'_>, estimate: &Estimate, determinations: &[Determin
 /// Values that are unlike the model.
 fn factor(measured: &[f64], model: &[f64], channels: &[usize]) -> Result<f64, FitError> {
     let used = |values: &[f64]| channels.iter().map(|&channel| values[channel]).collect::<Vec<f64>>();
-    let Scale { factor, correlation } = least_squares(&used(measured), &used(model));
-    if correlation < MIN_CORRELATION { Err(FitError::Unlike { correlation }) } else { Ok(factor) }
+    let (measured, model) = (used(measured), used(model));
+    let agreement = agreement(measured.iter().copied(), model.iter().copied());
+    if agreement < DOUBTFUL { Err(FitError::Unlike { agreement }) } else { Ok(least_squares(&measured, &model)) }
 }
 
 /// Refuses frames that do not fit the protocol.

@@ -417,6 +417,9 @@ impl Methods {
                 return Ok(method);
             }
         }
+        if is_path(name) {
+            return Err(MethodError::option(name, "is not the folder of a network or of a calibration"));
+        }
         let (name, skin_name) = (name.to_string(), skin.design().name.clone());
         Err(MethodError::Unknown { name, skin: skin_name, known: self.names(skin)? })
     }

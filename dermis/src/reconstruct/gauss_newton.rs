@@ -1,7 +1,7 @@
 //! Iterative Gauss-Newton: the nonlinear least-squares image of a difference or of a single frame.
 
 use crate::estimate::least_squares::{Control, LeastSquares, Minimum, Steps, minimise};
-use crate::estimate::scale::{Scale, least_squares};
+use crate::estimate::scale::least_squares;
 use crate::forward::{ForwardModel, Matrix};
 use crate::frame::Frame;
 use crate::image::PixelSpace;
@@ -302,7 +302,7 @@ impl LeastSquares for Search<'_> {
 /// The factor from the model's untouched frame to a measured one, by least squares.
 fn frame_scale(channels: &Channels, rest: &[f64], measured: &[f64]) -> Result<f64, ReconstructError> {
     check_lengths(measured, rest.len(), &[], 0)?;
-    let Scale { factor, .. } = least_squares(&channels.gather(measured), &channels.gather(rest));
+    let factor = least_squares(&channels.gather(measured), &channels.gather(rest));
     if factor.is_finite() && factor > 0.0 {
         Ok(factor)
     } else {
