@@ -1,7 +1,8 @@
 //! Arrays in and out.
 
 use crate::failure::{Failure, Outcome};
-use dermis::frame::{Differences, Frame};
+use dermis::frame::{Differences, Frame, column_order};
+use dermis::protocol::Protocol;
 use dermis::text::counted;
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -41,6 +42,19 @@ impl<'py> Rows<'py> {
     }
 }
 
+/// Frames, (channels,) or (n, channels). The columns of a table of pandas or polars are those of the channels that their names say.
+pub fn frames<'py>(value: &Bound<'py, PyAny>, argument: &str, protocol: &Protocol) -> Outcome<Rows<'py>> {
+    let channels = protocol.channel_count();
+    let Some(names) = value.getattr_opt("columns")? else { return Rows::of(value, argument, channels) };
+    let names = names.try_iter()?.map(|name| Ok(name?.str()?.to_string())).collect::<PyResult<Vec<String>>>()?;
+    let order = column_order(&names, protocol).map_err(|why| Failure::given(format!("`{argument}`: {why}")))?;
+    let plain = value.py().import("numpy")?.call_method1("asarray", (value,))?;
+    match order {
+        Some(order) => Rows::of(&plain.call_method1("take", (order, 1))?, argument, channels),
+        None => Rows::of(&plain, argument, channels),
+    }
+}
+
 /// A baseline with an untouched frame for each frame.
 #[pyclass(frozen, module = "dermis")]
 pub struct Paired {
@@ -60,15 +74,15 @@ impl Paired {
 pub fn differences(
     frames: &Bound<'_, PyAny>,
     baseline: Option<&Bound<'_, PyAny>>,
-    channels: usize,
+    protocol: &Protocol,
 ) -> Outcome<(Differences, bool)> {
-    let rows = Rows::of(frames, "frames", channels)?;
+    let rows = self::frames(frames, "frames", protocol)?;
     let Some(baseline) = baseline else {
         return Ok((Differences::new(rows.frames()?, Vec::new()), rows.is_single));
     };
     let paired = baseline.cast::<Paired>().ok();
     let array = paired.map_or(baseline, |paired| paired.get().baseline.bind(baseline.py()));
-    let (frames, untouched) = (rows.frames()?, Rows::of(array, "baseline", channels)?.frames()?);
+    let (frames, untouched) = (rows.frames()?, self::frames(array, "baseline", protocol)?.frames()?);
     if untouched.is_empty() {
         return Err(Failure::given("`baseline` has no frame"));
     }
@@ -183,6 +197,11 @@ impl Column {
 
 /// Indices from an argument with `count` whole numbers from 0 on.
 pub fn indices(value: &Bound<'_, PyAny>, argument: &str, count: usize) -> Outcome<Vec<usize>> {
+    let array = value.py().import("numpy")?.call_method1("asarray", (value,))?;
+    if array.getattr("dtype")?.getattr("kind")?.extract::<char>()? == 'b' {
+        let fix = "give numpy.flatnonzero of it";
+        return Err(Failure::with_hint(format!("`{argument}` has truth values, not indices"), fix));
+    }
     let column = Column::of(Some(value), argument, count, 0.0)?;
     let index = |row: usize| {
         let number = column.at(row);

@@ -22,6 +22,9 @@ pub struct Calibration {
     fitted: Fitted,
 }
 
+/// What pickle calls to make a calibration again, and with what.
+type Reduced<'py> = (Bound<'py, PyAny>, (Skin, Bound<'py, PyAny>));
+
 /// What is known of the presses of a calibration.
 pub struct Presses<'a, 'py> {
     pub positions: &'a Bound<'py, PyAny>,
@@ -172,6 +175,11 @@ impl Calibration {
     /// Writes the calibration to a folder, which `Skin.method` and `dermis live --method` read.
     fn save(&self, py: Python<'_>, folder: PathBuf) -> Outcome<()> {
         worker::run(py, "writing", 1, |_| Ok(self.fitted.save(&folder, self.skin.skin().design())?))
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py>> {
+        let module = slf.py().import("dermis._pickle")?;
+        Ok((module.getattr("calibration")?, (slf.get().skin.clone(), module.call_method1("files", (slf,))?)))
     }
 
     fn __repr__(&self) -> String {

@@ -86,7 +86,7 @@ pub fn differences(
 ) -> Outcome<(Differences, bool)> {
     let skin = skin.skin();
     let protocol = &skin.design().protocol;
-    let (mut differences, is_single) = arrays::differences(frames, baseline, protocol.channel_count())?;
+    let (mut differences, is_single) = arrays::differences(frames, baseline, protocol)?;
     for (frame, values) in differences.frames.iter().enumerate() {
         let is_rest_finite =
             |channel: usize| differences.baseline.as_ref().is_none_or(|rest| rest[channel].is_finite());

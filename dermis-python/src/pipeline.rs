@@ -1,6 +1,6 @@
 //! `dermis.Pipeline`, `dermis.Live` and `dermis.Replay`: streams of frames with tracked contacts.
 
-use crate::arrays::{self, Rows};
+use crate::arrays;
 use crate::contacts;
 use crate::failure::{Failure, Outcome};
 use crate::method::method_name;
@@ -176,7 +176,7 @@ impl Pipeline {
     #[doc = stub_doc!(Pipeline.process)]
     #[pyo3(signature = (frame, time_s=None))]
     fn process(&self, py: Python<'_>, frame: &Bound<'_, PyAny>, time_s: Option<f64>) -> Outcome<Frame> {
-        let rows = Rows::of(frame, "frame", self.skin.design().protocol.channel_count())?;
+        let rows = arrays::frames(frame, "frame", &self.skin.design().protocol)?;
         if !rows.is_single {
             return Err(Failure::with_hint("`frame` has rows", "give one frame, (channels,)"));
         }

@@ -4,6 +4,10 @@ use crate::arrays::{self, Rows};
 use crate::failure::{Failure, Outcome};
 use crate::worker;
 use dermis::forward::Solutions;
+use dermis::geom::Point3;
+use dermis::geom::vector::{cross, dot, sub};
+use dermis::mesh::Mesh;
+use dermis::text::counted;
 use numpy::PyArray1;
 use numpy::prelude::*;
 use pyo3::prelude::*;
@@ -38,7 +42,9 @@ impl Solution {
             None => skin.mesh().nodes.clone(),
             Some(nodes) => {
                 let rows = Rows::of(nodes, "nodes", 3)?;
-                rows.values()?.as_chunks::<3>().0.to_vec()
+                let moved = rows.values()?.as_chunks::<3>().0.to_vec();
+                check_cells(skin.mesh(), &moved)?;
+                moved
             }
         };
         let model = match is_changed {
@@ -60,6 +66,33 @@ impl Solution {
         let frames = frames.into_iter().flat_map(|frame| frame.0).collect();
         let frames = arrays::read_only(arrays::rows(py, frames, &[channels], rows.is_single)?)?.unbind();
         Ok(Solution { frames, solutions, is_single: rows.is_single })
+    }
+}
+
+/// Refuses places of the nodes of a mesh that turn one of its cells over.
+fn check_cells(mesh: &Mesh, moved: &[Point3]) -> Outcome<()> {
+    if moved.len() != mesh.node_count() {
+        let message = format!("`nodes` has {} for {} of the mesh", moved.len(), mesh.node_count());
+        return Err(Failure::with_hint(message, "give a place for each node: (nodes, 3)"));
+    }
+    let is_turned = |cell: &usize| {
+        let corners = mesh.cells.corners(*cell);
+        let edges = |nodes: &[Point3]| -> Vec<Point3> {
+            corners[1..].iter().map(|&node| sub(nodes[node], nodes[corners[0]])).collect()
+        };
+        let (before, after) = (edges(&mesh.nodes), edges(moved));
+        let normal = |edges: &[Point3]| cross(edges[0], edges[1]);
+        match (before.get(2), after.get(2)) {
+            (Some(&b), Some(&a)) => dot(normal(&before), b) * dot(normal(&after), a) <= 0.0,
+            _ => dot(normal(&before), normal(&after)) <= 0.0,
+        }
+    };
+    match (0..mesh.cell_count()).filter(is_turned).count() {
+        0 => Ok(()),
+        turned => {
+            let message = format!("`nodes` turns {} of {} over", counted(turned, "cell"), mesh.cell_count());
+            Err(Failure::with_hint(message, "move the nodes by less than a cell, or make a mesh of the new design"))
+        }
     }
 }
 

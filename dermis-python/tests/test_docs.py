@@ -1,7 +1,10 @@
 """The Python examples of the documentation run, page by page."""
 
 import importlib.util
+import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import dermis
@@ -35,6 +38,16 @@ def test_examples_run(page, tmp_path, monkeypatch):
             continue
         line = text[: block.start("code")].count("\n")
         exec(compile("\n" * line + block["code"], page, "exec"), names)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "examples" / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
+def test_the_code_of_a_notebook_runs(path, tmp_path):
+    cells = json.loads(path.read_text())["cells"]
+    code = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    for module in ("mujoco", "torch"):
+        if f"dermis.{module}" in code:
+            pytest.importorskip(module)
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, timeout=600)
 
 
 def test_the_readme_s_script_is_short():

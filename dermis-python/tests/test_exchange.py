@@ -69,3 +69,18 @@ def test_the_example_of_the_module_runs():
 
     result = doctest.testmod(dermis.plot)
     assert result.attempted and not result.failed
+
+
+def test_the_names_of_the_columns_of_a_table_decide(skin):
+    pandas = pytest.importorskip("pandas")
+    _, frames = touched(skin)
+    rest = skin.forward()
+    names = ["v_" + "_".join(str(electrode) for electrode in channel) for channel in skin.channels]
+    method = skin.method("noser")
+    expected = method.contacts(frames, rest)
+    for named in (names, [f"ch{number}" for number in range(len(names))], [str(number) for number in range(len(names))]):
+        table = pandas.DataFrame(frames, columns=named)
+        for columns in (named, sorted(named), named[::-1]):
+            assert (method.contacts(table[columns], rest) == expected).all(), columns[:3]
+    with pytest.raises(dermis.DermisError, match="the names do not say which channels they are"):
+        method.contacts(pandas.DataFrame(frames, columns=[f"a{number}_7" for number in range(len(names))][::-1]), rest)

@@ -49,6 +49,8 @@ def test_indices_that_do_not_exist_are_refused(dataset):
         dataset.batch([300])
     with pytest.raises(dermis.DermisError, match="-1"):
         dataset.batch([-1])
+    with pytest.raises(dermis.DermisError, match="truth values"):
+        dataset.batch(np.arange(300) < 3)
     with pytest.raises(dermis.DermisError):
         dermis.Dataset("no-such-folder")
 

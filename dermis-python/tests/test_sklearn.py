@@ -1,6 +1,7 @@
 """The calibration as a scikit-learn estimator."""
 
 import doctest
+import pickle
 
 import numpy as np
 import pytest
@@ -77,6 +78,7 @@ def test_a_clone_predicts_the_same():
     first = calibration.fit(differences, positions).predict(differences)
     second, sd = clone(calibration).fit(differences, positions).predict(differences, return_std=True)
     assert np.array_equal(first, second)
+    assert np.array_equal(pickle.loads(pickle.dumps(calibration)).predict(differences), first)
     assert np.linalg.norm(first - positions, axis=1).mean() < 0.003
     assert calibration.score(differences, positions) > 0.9
     assert (sd > 0).all()

@@ -73,6 +73,16 @@ def test_gradcheck_by_contact_impedance_and_electrode_position(disk):
     )
 
 
+def test_what_is_no_mesh_and_no_number_is_refused(disk):
+    rest, contacts = torch.tensor(disk.rest_conductivity), len(disk.contact_impedance)
+    with pytest.raises(dermis.DermisError, match="int64"):
+        forward(disk, torch.ones(len(rest), dtype=torch.int64))
+    far = torch.zeros(contacts, 3, dtype=torch.double)
+    far[0] = 0.05
+    with pytest.raises(dermis.DermisError, match="over"):
+        forward(disk, rest, nodes=ElectrodeMotion(disk)(far))
+
+
 def test_the_gradient_on_a_cylinder_is_the_transposed_jacobian_times_the_derivative():
     skin = dermis.Skin.load("cylinder30")
     conductivity = (uneven(skin, 1)[0] * torch.tensor(skin.rest_conductivity)).requires_grad_()
@@ -200,6 +210,9 @@ def test_workers_share_a_stream_without_repeats(folder, start):
     indices = torch.cat([batch["index"] for batch in batches])
     assert torch.equal(indices.sort().values, torch.arange(256))
     of_files = SampleDataset(folder)[int(indices[40])]
+    assert len(list(SampleDataset(folder))) == len(SampleDataset(folder))
+    with pytest.raises(TypeError):
+        SampleDataset(folder)[0:2]
     assert torch.equal(of_files["frame"], batches[1]["frame"][8])
 
 

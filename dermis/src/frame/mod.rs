@@ -24,6 +24,7 @@ pub use csv::write_csv;
 pub use currents::DriveCurrents;
 pub use differences::Differences;
 pub use lines::{FrameLine, FrameLines, LineError};
+pub use names::column_order;
 pub use npy::npy_header;
 pub use presses::{EvaluatedPress, PressEstimate, write_presses};
 pub use read::{ReadOptions, read_frames, read_frames_with, read_frames_without};

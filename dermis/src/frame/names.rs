@@ -91,43 +91,57 @@ pub(super) fn without_times(mut table: Table, channels: usize) -> Result<Table, 
     Ok(table)
 }
 
-/// The columns of a table in the order of the channels, where their names say which channels they are: four electrodes, as in
-/// `v_0_1_2_3` (drive source and sink, measure plus and minus), the number of the channel, as in `ch12`, or both, as in
-/// `ch12:0_1_2_3`. Electrodes and channels count from 0 or 1. Columns with other names are then dropped. A table whose names say
-/// nothing else is returned as it is.
+/// The columns of a table in the [order](column_order) of the channels; columns of other names are then dropped. A table whose
+/// names say nothing is returned as it is.
+///
+/// # Errors
+/// As [`column_order`].
+pub(super) fn in_order(mut table: Table, protocol: &Protocol) -> Result<Table, String> {
+    let (width, channels) = (table.rows[0].len(), protocol.channel_count());
+    let Some(header) = table.header.as_ref().filter(|header| header.len() == width) else { return Ok(table) };
+    match column_order(header, protocol) {
+        Ok(None) => {}
+        Ok(Some(order)) => {
+            table.rows.iter_mut().for_each(|row| *row = order.iter().map(|&column| row[column]).collect());
+            table.header = None;
+        }
+        // Of frames as columns, the names are those of frames.
+        Err(_) if table.rows.len() == channels && width < channels => {}
+        Err(message) => return Err(message),
+    }
+    Ok(table)
+}
+
+/// The column of each channel, where the names of columns say which channels they are: four electrodes, as in `v_0_1_2_3` (drive
+/// source and sink, measure plus and minus), the number of the channel, as in `ch12`, or both, as in `ch12:0_1_2_3`. Electrodes and
+/// channels count from 0 or 1. `None` where most names say nothing of the kind.
 ///
 /// # Errors
 /// A channel without a column, or with several; names that are out of order and do not say which channels they are.
-pub(super) fn in_order(mut table: Table, protocol: &Protocol) -> Result<Table, String> {
-    let (width, channels) = (table.rows[0].len(), protocol.channel_count());
-    let Some(header) = table.header.as_ref().filter(|header| !header.is_empty()) else { return Ok(table) };
+pub fn column_order(header: &[String], protocol: &Protocol) -> Result<Option<Vec<usize>>, String> {
     // Most names are those of channels, and so is the one in the middle.
-    let (usual, of_usual) = pattern(&header[header.len() / 2]);
+    let Some(middle) = header.get(header.len() / 2) else { return Ok(None) };
+    let (usual, of_usual) = pattern(middle);
     let is_usual = |(column, name): (usize, &String)| {
         let (pattern, numbers) = pattern(name);
         (pattern == usual && numbers.len() == of_usual.len()).then_some((column, numbers))
     };
     let (columns, named): (Vec<usize>, Vec<Vec<usize>>) = header.iter().enumerate().filter_map(is_usual).unzip();
-    let are_most = header.len() == width && 2 * named.len() > width;
+    let are_most = 2 * named.len() > header.len();
     let order = match of_usual.len() {
         4 | 5 if are_most => Some(by_electrodes(&named, protocol)?),
-        1 if are_most => by_number(named.iter().map(|numbers| numbers[0]), channels),
+        1 if are_most => by_number(named.iter().map(|numbers| numbers[0]), protocol.channel_count()),
         _ => None,
     };
-    if let Some(order) = order {
-        table.rows.iter_mut().for_each(|row| *row = order.iter().map(|&place| row[columns[place]]).collect());
-        table.header = None;
-        return Ok(table);
-    }
-    // Of frames as columns, the names are those of frames.
-    match out_of_order(header).filter(|_| table.rows.len() != channels || width >= channels) {
-        Some([before, after]) => Err(format!(
+    match (order, out_of_order(header)) {
+        (Some(order), _) => Ok(Some(order.into_iter().map(|place| columns[place]).collect())),
+        (None, Some([before, after])) => Err(format!(
             "the column `{after}` comes after `{before}`, and the names do not say which channels they are: call them `v_0_1_2_3` \
              (source and sink of the drive, plus and minus of the measure) or `ch0` to `ch{}`, or remove the header where the \
              columns are in order",
-            channels - 1
+            protocol.channel_count() - 1
         )),
-        None => Ok(table),
+        (None, None) => Ok(None),
     }
 }
 

@@ -82,6 +82,11 @@ fn headers_that_count_and_row_numbers_are_no_values() {
         let last: Vec<(usize, f64, f64)> = read.iter().map(|row| (row.len(), row[0], row[11])).collect();
         assert_eq!(last, [(12, 2.0, 12.0), (12, 2.0, 13.0)], "{text}");
     }
+    // Numbers in the order of text: the columns are those of the channels that they name.
+    let sorted = ["0", "1", "10", "11", "2", "3", "4", "5", "6", "7", "8", "9"];
+    let values = sorted.map(|number| format!("{number}.5")).join(",");
+    let read = frames(&format!("{}\n{values}\n", sorted.join(","))).unwrap();
+    assert_eq!(read.iter().map(|row| [row[2], row[10]]).collect::<Vec<_>>(), [[2.5, 10.5]]);
     let (_folder, path) = file("c.csv", "0,1,2\n0.5,1,2\n");
     assert_eq!(read_conductivities(&path, 3).unwrap(), vec![vec![0.5, 1.0, 2.0]]);
     let decimal_commas = row("1").replace(',', ";").replace("10", "10,25");

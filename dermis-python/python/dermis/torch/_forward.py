@@ -56,8 +56,10 @@ def forward(
         (channels,) or (n, channels), ohm, of the type and on the device of `conductivity`.
 
     Raises:
-        DermisError: A wrong shape, a value that is not positive and finite.
+        DermisError: A wrong shape or type, a value that is not positive and finite, nodes that turn a cell over.
     """
+    if not conductivity.is_floating_point():
+        raise DermisError(f"`conductivity` is of {conductivity.dtype}", hint="give float32 or float64")
     return _Forward.apply(skin, conductivity, contact_impedance, nodes)
 
 

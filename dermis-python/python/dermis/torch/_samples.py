@@ -1,5 +1,6 @@
 """Training samples as datasets."""
 
+import operator
 import os
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -33,10 +34,12 @@ class SampleDataset(torch.utils.data.Dataset[dict[str, Tensor]]):
         return len(self._dataset)
 
     def __getitem__(self, index: int) -> dict[str, Tensor]:
-        return self.__getitems__([index])[0]
+        return self.__getitems__([operator.index(index)])[0]
 
     def __getitems__(self, indices: Sequence[int]) -> list[dict[str, Tensor]]:
         length = len(self)
+        if wrong := [index for index in indices if not -length <= index < length]:
+            raise IndexError(f"sample {wrong[0]} of {length}")
         return _samples(self._dataset.batch([index + length if index < 0 else index for index in indices]))
 
     def __getstate__(self) -> str:
