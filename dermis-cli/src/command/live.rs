@@ -299,8 +299,9 @@ impl Arguments {
             true => Some(Failure::Ours("the emulated device has failed (see above)".into())),
             false => live.take_failure().map(Failure::from),
         };
-        let taped = control.end_recording();
+        // What the skin has published until then is recorded.
         let state = live.stop();
+        let taped = control.end_recording();
         if let Some(emulator) = emulator {
             emulator.stop();
         }

@@ -321,6 +321,11 @@ fn check(
     if hello.full_scale == 0 {
         return Err("its hello states a full scale of 0 counts: it must be the highest reading".into());
     }
+    if hello.rate_millihertz == 0 && options.rate_hz.is_none() {
+        return Err(
+            "its hello states a rate of 0: it must be that at which it sends frames, or give one with --rate".into()
+        );
+    }
     let rate_millihertz = options.rate_hz.map_or(f64::from(hello.rate_millihertz), |rate_hz| rate_hz * 1e3);
     if !(rate_millihertz >= 1.0 && rate_millihertz <= f64::from(hello.highest_rate_millihertz)) {
         let (asked, most) = (rate_millihertz * 1e-3, f64::from(hello.highest_rate_millihertz) * 1e-3);

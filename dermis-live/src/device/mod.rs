@@ -28,7 +28,9 @@ use crate::device::rows::RowReader;
 use dermis::pipeline::{Counts, FrameInput, Measurement, Notice, Severity, Timestamp};
 use dermis::skin::Skin;
 use dermis::text::printable;
-use dermis_wire::{Arrival, Arrivals, Decoder, Frame, FrameFlags, Hello, Received, Status, ToDevice, ToHost};
+use dermis_wire::{
+    Arrival, Arrivals, Decoder, FaultCode, Frame, FrameFlags, Hello, Received, Status, ToDevice, ToHost,
+};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -438,7 +440,8 @@ impl Device {
         if let Some(text) = self.clock_report() {
             publish(DeviceEvent::Notice(Notice { level: Severity::Warning, text, at: received_at }));
         }
-        let Device { decoder, buffer, stream, asked_at, .. } = self;
+        let Device { decoder, buffer, stream, asked_at, facts, .. } = self;
+        let mut restarted = None;
         decoder.feed(&buffer[..count], |received| {
             let Received::Message(message) = received else {
                 stream.damaged += 1;
@@ -451,14 +454,26 @@ impl Device {
                     incoming.into_iter().for_each(|incoming| publish(DeviceEvent::Frame(Box::new(incoming))));
                 }
                 Ok(ToHost::Status(status)) => publish(DeviceEvent::Status(status)),
+                // Scan tables are accepted in the handshake: one that is missing now was lost with the power.
+                Ok(ToHost::Fault(fault)) if fault.code == FaultCode::ScanTable => {
+                    restarted = Some(format!("it says: {}", printable(fault.text)));
+                }
                 Ok(ToHost::Fault(fault)) => {
                     let text = format!("the device says: {}", printable(fault.text));
                     publish(DeviceEvent::Notice(Notice { level: Severity::Error, text, at: received_at }));
+                }
+                Ok(ToHost::Hello(_)) if message != facts.hello => {
+                    restarted = Some(
+                        "its hello is not that of before: it was restarted, or another one is in its place".into(),
+                    );
                 }
                 Ok(ToHost::Hello(_)) => {}
                 Err(_) => stream.damaged += 1,
             }
         });
+        if let Some(message) = restarted {
+            return Err(LiveError::Lost { address: self.address.clone(), message });
+        }
         if let Some(text) = self.refusal_report() {
             publish(DeviceEvent::Notice(Notice { level: Severity::Warning, text, at: received_at }));
         }

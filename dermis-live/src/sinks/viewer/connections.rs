@@ -93,7 +93,7 @@ impl Connections {
         if closed > 0 {
             self.reported_at = Some(Instant::now());
             let text = format!(
-                "{} to the page closed: no page, or more than {MAX_PAGES} pages",
+                "{} to the page closed: more than {MAX_STRANGERS} without a page, or more than {MAX_PAGES} pages",
                 counted(closed, "connection")
             );
             (self.notify)(Notice { level: Severity::Warning, text, at: clock::now() });
@@ -198,8 +198,8 @@ impl Stream {
                 return false;
             }
             let left = LOADING.saturating_sub(self.begun.elapsed());
+            // Browsers open connections in advance: those that were not needed are no news.
             if !state.has_asked.load(Ordering::Relaxed) || left.is_zero() {
-                self.peer.counts.closed.fetch_add(1, Ordering::Relaxed);
                 state.close();
             } else {
                 self.deadline.as_mut().reset(tokio::time::Instant::now() + left);
