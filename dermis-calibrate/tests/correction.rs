@@ -164,13 +164,48 @@ fn labels_beside_their_contacts_are_told() {
         let label = |(row, label): (usize, &Label)| Label { position_m: add(label.position_m, of(row)), ..*label };
         case.labels = known.iter().enumerate().map(label).collect();
         let fitted = Fitted::Correction(Box::new(fit(&case, 100).unwrap()));
-        (anything.reason(&fitted), fitted.doubt())
+        (anything.reason(&fitted), fitted.doubts(&case.skin, &case.labels[..100]))
     };
-    let (reason, doubt) = moved(&|_| [0.01, 0.0, 0.0]);
+    let (reason, doubts) = moved(&|_| [0.01, 0.0, 0.0]);
     assert_eq!(reason, None);
-    assert!(doubt.unwrap().contains("in one direction from the contacts"));
+    assert!(matches!(&doubts[..], [shift] if shift.contains("in one direction from the contacts")), "{doubts:?}");
     let (reason, _) = moved(&|row| [if row % 3 == 0 { 0.0 } else { 0.05 }, 0.0, 0.0]);
     assert!(reason.unwrap().contains("66 of 100 touched frames"));
+}
+
+/// Labels in one place say nothing of others: there the contacts are those of the method, and not more certain.
+#[test]
+fn labels_speak_for_their_part_of_a_skin() {
+    let case = case();
+    let middle = [0.03, 0.0, 0.0];
+    let near = |label: &&Label| distance(label.position_m, middle) < 0.025;
+    let labels: Vec<Label> = case.labels.iter().filter(near).copied().collect();
+    let correction = Correction::fit(case.skin.pixels(), &case.method, &case.detector, &case.frames, &labels).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    correction.save(folder.path(), case.skin.design()).unwrap();
+    let methods = Methods::linear().with(Calibrations::of(Methods::linear()));
+    let name = folder.path().display().to_string();
+    let corrected = methods.method(&case.skin, &name, &MethodOptions::default()).unwrap();
+    let (mut at_labels_m, mut far_m) = (Vec::new(), Vec::new());
+    for frame in &case.frames {
+        let [before, after] = [&case.method, &corrected].map(|method| {
+            let contacts = method.contacts(frame, &case.detector).unwrap();
+            contacts.into_iter().max_by(|a, b| a.strength.total_cmp(&b.strength)).unwrap()
+        });
+        let moved_m = distance(before.position_m, after.position_m);
+        match distance(before.position_m, middle) {
+            away_m if away_m < 0.015 => at_labels_m.push(moved_m),
+            away_m if away_m > 0.075 => {
+                far_m.push(moved_m);
+                assert!(after.sd_m >= before.sd_m, "{} of {}", after.sd_m, before.sd_m);
+            }
+            _ => {}
+        }
+    }
+    let (near_m, far_m) = (dermis::stats::mean(&at_labels_m), dermis::stats::mean(&far_m));
+    assert!(near_m > 4e-3 && far_m < 0.2 * near_m, "{near_m} m, far from the labels {far_m} m");
+    let doubts = Fitted::Correction(Box::new(correction)).doubts(&case.skin, &labels);
+    assert!(doubts.iter().any(|doubt| doubt.contains("of the skin lie within")), "{doubts:?}");
 }
 
 /// A network that was trained again is another method, and so is a method with other options.
