@@ -29,8 +29,9 @@ pub(crate) const MIN_FOUND: usize = 20;
 const GATE_M: f64 = dermis::contact::GATE_M;
 /// Typical length over which errors of a method vary, as a part of the size of the skin.
 pub(crate) const LENGTH_PART: f64 = 0.1;
-/// The part of the labels whose distance from the nearest other one cross-validation has tried.
-const MOST_GAPS: f64 = 0.9;
+/// A place is among labels up to this many times their median distance from each other: of labels at random places of one density,
+/// one place in 500 is farther from the nearest one.
+const AMONG: f64 = 3.0;
 
 /// What measured presses state of the contacts of another method (a network, or a linear one): a shift of the position
 /// that varies over the skin, the force as a function of the strength, the frame and the position, and the deviations
@@ -81,8 +82,8 @@ pub struct Correction {
 struct Labelled {
     /// The contacts of the labels, m.
     places_m: Vec<Point3>,
-    /// Cross-validation has tried the correction up to this distance from the nearest other label, m.
-    tried_m: f64,
+    /// Places up to this distance from the nearest of them are among them, m.
+    among_m: f64,
     /// The length over which errors vary beyond it, m.
     length_m: f64,
 }
@@ -96,14 +97,14 @@ impl Labelled {
             let others = (0..places_m.len()).filter(|&other| other != own);
             others.map(|other| distance(places_m[own], places_m[other])).fold(f64::INFINITY, f64::min)
         }));
-        let tried_m = if gaps_m.len() > 1 { quantile(&gaps_m, MOST_GAPS) } else { 0.0 };
-        Labelled { places_m, tried_m, length_m }
+        let among_m = if gaps_m.len() > 1 { AMONG * quantile(&gaps_m, 0.5) } else { 0.0 };
+        Labelled { places_m, among_m, length_m }
     }
 
     /// How much the labels say of a place: 1 among them, 0 far from them.
     fn weight(&self, place_m: Point3) -> f64 {
         let nearest_m = self.places_m.iter().map(|other| distance(*other, place_m)).fold(f64::INFINITY, f64::min);
-        matern((nearest_m - self.tried_m).max(0.0) / self.length_m)
+        matern((nearest_m - self.among_m).max(0.0) / self.length_m)
     }
 }
 
@@ -286,7 +287,7 @@ impl Correction {
         };
         self.shift_m.iter().flatten().all(|shift| shift.is_consistent(0))
             && self.force.as_ref().is_none_or(force)
-            && self.labelled.as_ref().is_none_or(|labelled| labelled.length_m > 0.0 && labelled.tried_m >= 0.0)
+            && self.labelled.as_ref().is_none_or(|labelled| labelled.length_m > 0.0 && labelled.among_m >= 0.0)
             && self.sd_factor > 0.0
     }
 

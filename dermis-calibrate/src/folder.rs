@@ -19,7 +19,7 @@ use dermis::text::counted;
 use faer::Mat;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Largest card of a calibration, bytes: labels of hundreds of thousands of presses.
 const LARGEST_CARD: u64 = 128 << 20;
@@ -162,17 +162,28 @@ impl Fitted {
         Ok(dermis::text::hexadecimal(&dermis::files::sha256(&card)))
     }
 
-    /// Refuses a folder to [write to](Self::save) that holds a network: it would be two methods then.
+    /// Refuses a folder to [write to](Self::save) that holds a network, as it would be two methods then, or a file of another program
+    /// with the name of a calibration.
     ///
     /// # Errors
-    /// The folder of a network.
+    /// Such a folder.
     pub fn check_folder(folder: &Path) -> Result<(), CalibrateError> {
+        let refused = |path, what: &str| {
+            let message = format!("{what}: write the calibration to another folder");
+            Err(CalibrateError::File { path, message })
+        };
         let path = folder.join(NETWORK);
-        if !path.exists() {
-            return Ok(());
+        if path.exists() {
+            return refused(path, "the folder is that of a network");
         }
-        let message = "the folder is that of a network: write the calibration to another one".into();
-        Err(CalibrateError::File { path, message })
+        let is_other = |path: &PathBuf| {
+            let text = read_text_at_most(path, LARGEST_CARD);
+            path.exists() && !text.is_ok_and(|text| serde_json::from_str::<Header>(&text).is_ok())
+        };
+        match [CARD, CORRECTION].map(|name| folder.join(name)).into_iter().find(is_other) {
+            Some(path) => refused(path, "it is no calibration of this program, and would be lost"),
+            None => Ok(()),
+        }
     }
 }
 

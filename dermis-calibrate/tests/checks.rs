@@ -199,9 +199,9 @@ fn reversed_and_exchanged_axes_of_a_disk_are_named() {
     );
 }
 
-/// A position turned by 40 degrees about the axis z.
+/// A position turned by 45 degrees about the axis z.
 fn turned([x, y, z]: Point3) -> Point3 {
-    let (sin, cos) = 40_f64.to_radians().sin_cos();
+    let (sin, cos) = 45_f64.to_radians().sin_cos();
     [cos * x - sin * y, sin * x + cos * y, z]
 }
 

@@ -38,6 +38,8 @@ struct Fake {
     swaps: Option<usize>,
     /// Number of start requests that it ignores.
     ignored_starts: u32,
+    /// What it says after its first frame.
+    says_later: Option<ToHost<'static>>,
 }
 
 impl Fake {
@@ -60,7 +62,15 @@ impl Fake {
             boot: 1,
             name: "fake",
         };
-        Fake { hello, keeps_mhz: None, refuses: [None; 2], knows_self_test: true, swaps: None, ignored_starts: 0 }
+        Fake {
+            hello,
+            keeps_mhz: None,
+            refuses: [None; 2],
+            knows_self_test: true,
+            swaps: None,
+            ignored_starts: 0,
+            says_later: None,
+        }
     }
 
     /// Serves it and returns the address.
@@ -96,7 +106,10 @@ impl Fake {
             ToDevice::SelfTest if self.knows_self_test => self.send_readings(stream, 0, FrameFlags::TEST),
             ToDevice::SelfTest => drop(refuse(Some((FaultCode::UnknownMessage, "what is 0x86?")))),
             ToDevice::Start if self.ignored_starts > 0 => self.ignored_starts -= 1,
-            ToDevice::Start => self.send_readings(stream, 1, FrameFlags::default()),
+            ToDevice::Start => {
+                self.send_readings(stream, 1, FrameFlags::default());
+                self.says_later.take().into_iter().for_each(|message| say(stream, &message));
+            }
             ToDevice::Stop | ToDevice::Rate(_) => {}
         }
     }
@@ -190,6 +203,28 @@ fn an_older_device_without_a_self_test_is_read_and_that_is_said() {
 #[test]
 fn a_device_that_missed_its_start_is_started_again() {
     told(&mut met(Fake { ignored_starts: 1, ..Fake::new() }, None));
+}
+
+#[test]
+fn a_device_that_was_restarted_behind_an_open_line_is_lost_and_the_same_hello_is_no_news() {
+    let hello = Fake::new().hello;
+    let no_table = Fault { code: FaultCode::ScanTable, text: "no table" };
+    for (message, expected) in [
+        (ToHost::Hello(hello), None),
+        (ToHost::Hello(Hello { boot: 2, ..hello }), Some("its hello is not that of before")),
+        (ToHost::Hello(Hello { serial: 8, ..hello }), Some("its hello is not that of before")),
+        (ToHost::Hello(Hello { volts_per_count: [2e-4; 3], ..hello }), Some("its hello is not that of before")),
+        (ToHost::Fault(no_table), Some("no table")),
+    ] {
+        let mut device = met(Fake { says_later: Some(message), ..Fake::new() }, None);
+        let begun = Instant::now();
+        let mut lost = None;
+        while lost.is_none() && begun.elapsed() < Duration::from_millis(500) {
+            lost = device.listen(|_| ()).err().map(|error| error.to_string());
+        }
+        assert_eq!(lost.is_some(), expected.is_some(), "{message:?}: {lost:?}");
+        assert!(expected.is_none_or(|expected| lost.is_some_and(|lost| lost.contains(expected))));
+    }
 }
 
 #[test]

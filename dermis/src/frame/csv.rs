@@ -232,8 +232,9 @@ fn check_size(text: &str, separator: char) -> Result<(), String> {
     Ok(())
 }
 
-/// A row of at least so many values that are the numbers of the columns in another order is a header.
-const MIN_SORTED: usize = 8;
+/// A row of at least so many values that are the numbers of the columns in another order is a header: no frame has such values by
+/// chance.
+const MIN_SORTED: usize = 30;
 
 /// Whether the first line of a file names or numbers the columns; see [`parse`].
 pub(super) fn is_header(line: &str, separator: char, columns: Option<usize>) -> bool {
@@ -250,7 +251,7 @@ pub(super) fn is_header(line: &str, separator: char, columns: Option<usize>) -> 
         }
         all => {
             let mut numbers: Vec<f64> = all.iter().map(|field| field.unwrap_or(f64::NAN)).collect();
-            // Programs sort names as text: 0, 1, 10, 100. Few values may be such numbers by chance.
+            // Programs sort names as text: 0, 1, 10, 100.
             if numbers.len() >= MIN_SORTED {
                 numbers.sort_by(f64::total_cmp);
             }

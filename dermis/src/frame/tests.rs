@@ -2,6 +2,7 @@
 
 mod truths;
 
+use crate::design::SkinDesign;
 use crate::frame::{
     Frame, Part, ReadOptions, read_conductivities, read_frames, read_frames_with, read_frames_without, read_table,
     write_array, write_frames, write_whole,
@@ -83,9 +84,12 @@ fn headers_that_count_and_row_numbers_are_no_values() {
         assert_eq!(last, [(12, 2.0, 12.0), (12, 2.0, 13.0)], "{text}");
     }
     // Numbers in the order of text: the columns are those of the channels that they name.
-    let sorted = ["0", "1", "10", "11", "2", "3", "4", "5", "6", "7", "8", "9"];
-    let values = sorted.map(|number| format!("{number}.5")).join(",");
-    let read = frames(&format!("{}\n{values}\n", sorted.join(","))).unwrap();
+    let protocol = SkinDesign::shipped("skin16").unwrap().protocol;
+    let mut sorted: Vec<String> = (0..protocol.channel_count()).map(|number| number.to_string()).collect();
+    sorted.sort();
+    let values: Vec<String> = sorted.iter().map(|number| format!("{number}.5")).collect();
+    let (_folder, path) = file("sorted.csv", format!("{}\n{}\n", sorted.join(","), values.join(",")));
+    let read = read_frames(&path, &protocol).unwrap();
     assert_eq!(read.iter().map(|row| [row[2], row[10]]).collect::<Vec<_>>(), [[2.5, 10.5]]);
     let (_folder, path) = file("c.csv", "0,1,2\n0.5,1,2\n");
     assert_eq!(read_conductivities(&path, 3).unwrap(), vec![vec![0.5, 1.0, 2.0]]);

@@ -43,7 +43,7 @@ mod tests {
 
     #[test]
     fn faces_of_a_volume_enclose_its_cells() {
-        let mesh = Mesh::generate(&SkinDesign::shipped("forearm").unwrap()).unwrap();
+        let mesh = Mesh::generate(&SkinDesign::shipped("skin16").unwrap()).unwrap();
         assert_eq!(mesh.outer_faces().len(), mesh.cell_count(), "a surface has its own triangles");
 
         // Two tetrahedra with a common face, the second of the other orientation.
