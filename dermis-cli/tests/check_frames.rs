@@ -139,7 +139,12 @@ fn input_that_cannot_be_checked_is_refused() {
     let mut frames = rows(&at, "frames.csv");
     frames[4][2] = f64::NAN;
     write_rows(&at, "bad.csv", &frames);
-    assert!(check("--frames bad.csv --difference").contains("bad.csv, row 5: channel 2 is NaN"));
+    // What is realigned has a row for each frame; else the others are checked.
+    assert!(check("--frames bad.csv --difference --realign m.csv").contains("bad.csv, row 5: channel 2 is NaN"));
+    let output = at.run("check-frames disk.toml --frames bad.csv --difference --json");
+    assert!(output.status.success());
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(told.contains("1 of 90 frames have values that are missing or not finite and are not used: 4"), "{told}");
     at.write("short.csv", "1,2,3\n");
     assert!(check("--frames short.csv --difference").contains("too few values: 3"));
     at.write("robot.csv", "0.1,0.2,0.3\n0.1,0.2,0.4\n");

@@ -1,11 +1,6 @@
 //! Whether frames can be those of the skin that a design describes: asked before contacts are computed from them.
 //!
-//! Two frames agree as much as their cosine exceeds that of the same values in a random order:
-//!
-//! `agreement = (cos(a, b) - c) / (1 - c)`, `c = n mean(a) mean(b) / (|a| |b|)`.
-//!
-//! It does not depend on units and gains: 1 for proportional frames, about 0 for values in a wrong order, of another skin or of
-//! noise. Values larger than five times their median size are limited to it, so that single wrong channels hardly count.
+//! Frames are compared by their [agreement](crate::estimate::agreement) beyond chance.
 //!
 //! ```
 //! use dermis::finding::FindingKind;
@@ -22,6 +17,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub use crate::estimate::agreement::DOUBTFUL;
+use crate::estimate::agreement::{agreement, limited, median_size};
 use crate::finding::{Finding, FindingKind, Severity};
 use crate::forward::Matrix;
 use crate::frame::{Differences, Frame, mean};
@@ -31,9 +28,6 @@ use crate::skin::Skin;
 use crate::stats::upper_median;
 use crate::text::ranges;
 
-/// Frames that agree less than this with what they are compared with may be wrong. Untouched frames of real tanks and skins
-/// agree with an even model by 0.9 and more, touched ones with their baseline by 0.95 and more.
-pub const DOUBTFUL: f64 = 0.6;
 /// Frames that agree less than this are wrong: it is halfway to chance.
 pub const WRONG: f64 = 0.4;
 /// Another order or other signs are named if they agree at least this well.
@@ -62,8 +56,6 @@ const MAX_UNEXPLAINED: f64 = 0.05;
 /// Largest size of an untouched frame over that of the model, and of that over it: sheet resistances differ from their designs by
 /// less, units by more.
 const LARGEST_SCALE: f64 = 30.0;
-/// Values are limited to this many times their median size.
-const LARGEST: f64 = 5.0;
 /// Fewer channels than this without a driven electrode tell nothing; all channels are compared then.
 const MIN: usize = 8;
 /// ... and so do channels that are balanced in the untouched model, as those of a bridge: their median size is at most this part of that
@@ -561,27 +553,6 @@ fn words(kind: FindingKind) -> &'static str {
         FindingKind::SignTurned => "with all signs turned",
         _ => "without signs",
     }
-}
-
-/// Values of at most some times their median size.
-fn limited(values: impl Iterator<Item = f64>) -> Vec<f64> {
-    let values: Vec<f64> = values.collect();
-    let most = LARGEST * median_size(values.iter().copied());
-    values.into_iter().map(|value| if most.is_finite() { value.clamp(-most, most) } else { value }).collect()
-}
-
-fn median_size(values: impl Iterator<Item = f64>) -> f64 {
-    upper_median(&values.map(f64::abs).collect::<Vec<f64>>()).unwrap_or(f64::NAN)
-}
-
-/// The cosine of two lists of limited values beyond that of the same values in a random order, over the most that is possible. 0
-/// without values.
-pub(crate) fn agreement(a: impl Iterator<Item = f64>, b: impl Iterator<Item = f64>) -> f64 {
-    let (a, b) = (limited(a), limited(b));
-    let sizes = (dot(&a, &a) * dot(&b, &b)).sqrt();
-    let chance = a.iter().sum::<f64>() * b.iter().sum::<f64>() / a.len() as f64 / sizes;
-    let agreement = (dot(&a, &b) / sizes - chance) / (1.0 - chance);
-    if agreement.is_finite() { agreement } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -8,7 +8,6 @@ pub use table::SCAN_COLUMNS;
 pub(crate) use table::{CHANNEL_COLUMNS, numbered};
 
 use crate::files::sha256;
-use crate::frame::Frame;
 use crate::stats::rms;
 use crate::text::hexadecimal;
 use serde::{Deserialize, Serialize};
@@ -271,13 +270,6 @@ impl Protocol {
         if self.amplitude_only {
             values.iter_mut().for_each(|value| *value = value.abs());
         }
-    }
-
-    /// Frames without the signs of their values where the instrument reports amplitudes alone.
-    pub(crate) fn without_signs(&self, frames: &[Frame]) -> Vec<Frame> {
-        let mut frames = frames.to_vec();
-        frames.iter_mut().for_each(|frame| self.drop_signs(frame));
-        frames
     }
 
     /// Pairs of reciprocal channels, drive and measured pair exchanged: the lower number first.

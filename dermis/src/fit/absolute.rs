@@ -2,7 +2,7 @@
 
 use crate::estimate::scale::robust;
 use crate::fit::{FitError, factor};
-use crate::frame::{Frame, mean};
+use crate::frame::{Frame, mean, without_signs};
 use crate::protocol::Protocol;
 
 /// Frames as differences from the model's untouched frame.
@@ -33,7 +33,7 @@ pub fn model_differences(
 ) -> Result<ModelDifferences, FitError> {
     let mut model = Frame(untouched.to_vec());
     protocol.drop_signs(&mut model);
-    let frames = protocol.without_signs(frames);
+    let frames = without_signs(protocol, frames);
     let measured = mean(&frames).ok_or(FitError::NoFrame)?;
     let used: Vec<usize> = (0..model.len()).filter(|channel| !left_out.contains(channel)).collect();
     factor(&measured, &model, &used)?;

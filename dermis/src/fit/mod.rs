@@ -39,10 +39,10 @@ mod variance;
 pub use absolute::{ModelDifferences, model_differences};
 
 use crate::design::SkinDesign;
+use crate::estimate::agreement::{DOUBTFUL, agreement};
 use crate::estimate::scale::least_squares;
 use crate::frame::Frame;
 use crate::mesh::Mesh;
-use crate::plausibility::{DOUBTFUL, agreement};
 use crate::protocol::Protocol;
 use model::Model;
 use serde::{Deserialize, Serialize};
@@ -130,7 +130,7 @@ pub enum FitError {
          the channels, their signs (`measures_reversed`) and that the skin is untouched"
     )]
     Unlike {
-        /// [Agreement](crate::plausibility) with the untouched frame of the model.
+        /// Agreement beyond chance with the untouched frame of the model.
         agreement: f64,
     },
 }

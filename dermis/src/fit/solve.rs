@@ -5,7 +5,7 @@ use crate::estimate::noise::{ChannelNoise, NoiseSource};
 use crate::fit::model::Model;
 use crate::fit::variance::{least_variance, model_variance};
 use crate::fit::{Contacts, Determination, FitError, Misfit, Offset, PRIOR_SD, factor};
-use crate::frame::{Frame, mean};
+use crate::frame::{Frame, mean, without_signs};
 use crate::linalg::Matrix;
 use crate::protocol::Protocol;
 use crate::stats::rms;
@@ -56,7 +56,7 @@ impl Data {
     /// # Panics
     /// Without a frame.
     pub(super) fn new(protocol: &Protocol, frames: &[Frame], left_out: &[usize]) -> Self {
-        let frames = protocol.without_signs(frames);
+        let frames = without_signs(protocol, frames);
         let values = mean(&frames).expect("a frame").0;
         let used = |channel: &usize| !left_out.contains(channel);
         let channels: Vec<usize> = (0..values.len()).filter(used).collect();

@@ -32,6 +32,7 @@ pub use reciprocity::{Screening, quantities, reciprocal};
 pub use table::{Table, read_array, read_conductivities, read_table, write_array, write_frames};
 pub use truth::{Truth, frames_after_last_touch, read_places, read_truth, write_truth};
 
+use crate::protocol::Protocol;
 use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::ops::{Deref, DerefMut, Sub};
@@ -81,6 +82,13 @@ pub enum TableError {
         /// What is wrong, and the fix.
         message: String,
     },
+}
+
+/// Frames without the signs of their values where the instrument reports amplitudes alone.
+pub(crate) fn without_signs(protocol: &Protocol, frames: &[Frame]) -> Vec<Frame> {
+    let mut frames = frames.to_vec();
+    frames.iter_mut().for_each(|frame| protocol.drop_signs(frame));
+    frames
 }
 
 /// The values of one frame, or of a difference of two, in the order of the protocol's channels; ohm.

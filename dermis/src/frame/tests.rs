@@ -2,7 +2,6 @@
 
 mod truths;
 
-use crate::design::SkinDesign;
 use crate::frame::{
     Frame, Part, ReadOptions, read_conductivities, read_frames, read_frames_with, read_frames_without, read_table,
     write_array, write_frames, write_whole,
@@ -84,7 +83,7 @@ fn headers_that_count_and_row_numbers_are_no_values() {
         assert_eq!(last, [(12, 2.0, 12.0), (12, 2.0, 13.0)], "{text}");
     }
     // Numbers in the order of text: the columns are those of the channels that they name.
-    let protocol = SkinDesign::shipped("skin16").unwrap().protocol;
+    let protocol = Protocol::adjacent(8).unwrap();
     let mut sorted: Vec<String> = (0..protocol.channel_count()).map(|number| number.to_string()).collect();
     sorted.sort();
     let values: Vec<String> = sorted.iter().map(|number| format!("{number}.5")).collect();

@@ -1,5 +1,6 @@
 //! Checks of a frame before it is used: what an instrument that works cannot send.
 
+use crate::estimate::agreement::{DOUBTFUL, agreement};
 use crate::estimate::reciprocal_pairs::{MAX_UNLIKE, UNLIKE_NOISES, contradict};
 use crate::pipeline::condition::PartMonitor;
 use crate::pipeline::electrodes::{ElectrodeMonitor, ElectrodeTopology, OPEN};
@@ -7,7 +8,6 @@ use crate::pipeline::frame::Measurement;
 use crate::pipeline::repeats::RepeatMonitor;
 use crate::pipeline::statistics::{Statistics, difference};
 use crate::pipeline::validity::InvalidReason;
-use crate::plausibility::{DOUBTFUL, agreement};
 use crate::stats::{rms, upper_median};
 use serde::{Deserialize, Serialize};
 
