@@ -4,6 +4,7 @@ use crate::calibration::{Calibration, Label, LabelFrame, Quality, check, check_p
 use crate::correction::{Correction, CorrectionQuality, LENGTH_PART, size_m};
 use crate::error::CalibrateError;
 use crate::matching::MIN_EVIDENCE;
+use crate::pose::Pose;
 use crate::strength::UnusedForces;
 use dermis::contact::GATE_M;
 use dermis::design::SkinDesign;
@@ -251,23 +252,13 @@ impl Fitted {
             Fitted::ForwardMap(map) => map.pose(),
             Fitted::Correction(_) => None,
         };
-        let (pixels, near_m) = (skin.pixels(), LENGTH_PART * size_m(skin.pixels()));
-        // How deep a robot presses is no place on the skin.
-        let apart_m = |a: Point3, b: Point3| match pose {
-            Some(_) => (a[0] - b[0]).hypot(a[1] - b[1]),
-            None => distance(a, b),
-        };
-        let is_near = |place_m: &&Point3| {
-            let place_m = pose.map_or(**place_m, |pose| pose.to_robot(**place_m));
-            labels.iter().any(|label| apart_m(label.position_m, place_m) <= near_m)
-        };
-        let part = pixels.centres_m.iter().filter(is_near).count() as f64 / pixels.len() as f64;
+        let part = covered(skin, labels, pose);
         (part < MIN_COVERED).then(|| {
             format!(
                 "{:.0} % of the skin lie within {:.0} mm of a label: of the rest the calibration knows nothing, and its errors \
                  are not those of the labels. Press all over the skin",
                 1e2 * part,
-                1e3 * near_m
+                1e3 * LENGTH_PART * size_m(skin.pixels())
             )
         })
     }
@@ -292,6 +283,21 @@ impl Fitted {
     }
 }
 
+/// The part of a skin that lies near a label, with its pose in the frame of the labels if that is a robot's.
+fn covered(skin: &Skin, labels: &[Label], pose: Option<&Pose>) -> f64 {
+    let (pixels, near_m) = (skin.pixels(), LENGTH_PART * size_m(skin.pixels()));
+    // How deep a robot presses is no place on the skin.
+    let apart_m = |a: Point3, b: Point3| match pose {
+        Some(_) => (a[0] - b[0]).hypot(a[1] - b[1]),
+        None => distance(a, b),
+    };
+    let is_near = |place_m: &&Point3| {
+        let place_m = pose.map_or(**place_m, |pose| pose.to_robot(**place_m));
+        labels.iter().any(|label| apart_m(label.position_m, place_m) <= near_m)
+    };
+    pixels.centres_m.iter().filter(is_near).count() as f64 / pixels.len() as f64
+}
+
 /// Why an untouched frame is not that of the labels of a calibration, if so.
 pub(crate) fn unlike(design: &SkinDesign, of_labels: &Frame, rest: &Frame) -> Option<String> {
     let check = Plausibility::new(&design.protocol, of_labels, &[]);
@@ -313,6 +319,8 @@ struct Tried {
     corrections: Vec<Correction>,
     /// Those that cannot be corrected, too, with their mean errors.
     uncalibrated: Vec<(String, f64)>,
+    /// The part of the skin for which the labels speak; 1 unless a calibration is [warned of](MIN_COVERED).
+    covered: f64,
 }
 
 impl Tried {
@@ -326,7 +334,8 @@ impl Tried {
         if methods.default_name(skin)? == Methods::REFINED && can_be_refined(differences) {
             names.push(Methods::REFINED.into());
         }
-        let mut tried = Tried { corrections: Vec::new(), uncalibrated: Vec::new() };
+        let covered = Some(covered(skin, labels, None)).filter(|part| *part < MIN_COVERED).unwrap_or(1.0);
+        let mut tried = Tried { corrections: Vec::new(), uncalibrated: Vec::new(), covered };
         for name in names {
             let error_m = match correct(methods, skin, differences, labels, &name) {
                 Err(CalibrateError::NotRefined { .. }) => continue,
@@ -345,8 +354,15 @@ impl Tried {
 
     /// The best correction, where it locates the labels better than a forward map of this quality.
     fn better(&self, map: &Quality) -> Option<&Correction> {
-        let best = self.corrections.iter().min_by(|a, b| a.with_misses_m().total_cmp(&b.with_misses_m()));
-        best.filter(|correction| correction.with_misses_m() < map.mean_error_m)
+        // Elsewhere a correction is the method that it corrects, and a forward map nothing.
+        let everywhere_m =
+            |labelled_m: f64, elsewhere_m: f64| self.covered * labelled_m + (1.0 - self.covered) * elsewhere_m;
+        let error_m = |correction: &&Correction| {
+            let [before_m, _] = correction.quality().with_misses_m.unwrap_or_default();
+            everywhere_m(correction.with_misses_m(), before_m)
+        };
+        let best = self.corrections.iter().min_by(|a, b| error_m(a).total_cmp(&error_m(b)));
+        best.filter(|correction| error_m(correction) < everywhere_m(map.mean_error_m, GATE_M))
     }
 }
 

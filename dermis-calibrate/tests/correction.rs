@@ -203,7 +203,7 @@ fn labels_speak_for_their_part_of_a_skin() {
         }
     }
     let (near_m, far_m) = (dermis::stats::mean(&at_labels_m), dermis::stats::mean(&far_m));
-    assert!(near_m > 4e-3 && far_m < 0.2 * near_m, "{near_m} m, far from the labels {far_m} m");
+    assert!(near_m > 4e-3 && far_m < 0.3 * near_m, "{near_m} m, far from the labels {far_m} m");
     let doubts = Fitted::Correction(Box::new(correction)).doubts(&case.skin, &labels);
     assert!(doubts.iter().any(|doubt| doubt.contains("of the skin lie within")), "{doubts:?}");
 }
