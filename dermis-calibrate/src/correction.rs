@@ -77,7 +77,7 @@ pub struct Correction {
     pub(crate) rest: Option<Frame>,
 }
 
-/// The part of a skin for which labels speak.
+/// The part of a skin that labels describe.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Labelled {
     /// The contacts of the labels, m.

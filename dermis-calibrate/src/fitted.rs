@@ -319,7 +319,7 @@ struct Tried {
     corrections: Vec<Correction>,
     /// Those that cannot be corrected, too, with their mean errors.
     uncalibrated: Vec<(String, f64)>,
-    /// The part of the skin for which the labels speak; 1 unless a calibration is [warned of](MIN_COVERED).
+    /// The part of the skin that the labels describe; 1 unless a calibration is [warned of](MIN_COVERED).
     covered: f64,
 }
 

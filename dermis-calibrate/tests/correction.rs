@@ -175,7 +175,7 @@ fn labels_beside_their_contacts_are_told() {
 
 /// Labels in one place say nothing of others: there the contacts are those of the method, and not more certain.
 #[test]
-fn labels_speak_for_their_part_of_a_skin() {
+fn labels_describe_the_skin_around_them() {
     let case = case();
     let middle = [0.03, 0.0, 0.0];
     let near = |label: &&Label| distance(label.position_m, middle) < 0.025;

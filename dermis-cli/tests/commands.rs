@@ -485,6 +485,27 @@ fn touches_off_the_body_are_warned_of() {
 }
 
 #[test]
+fn outputs_that_a_command_cannot_write_are_refused() {
+    let at = Workplace::new();
+    at.good("forward disk.toml -o rest.csv");
+    for (command, said) in [
+        ("forward disk.toml -o x.json", "frames are written as .csv, .npy or .npz"),
+        ("jacobian disk.toml -o x.mat", "matrices are written as .csv, .npy or .npz"),
+        ("fit disk.toml --frames rest.csv -o -", "not written to standard output"),
+        ("mesh disk.toml -o -", "not written to standard output"),
+        (
+            "contacts disk.toml --frames rest.csv --baseline rest.csv --method ./none -o c.csv",
+            "is not the folder of a network",
+        ),
+        ("experiment disk.toml --seed 1 --sets random --apart 0.05 -o e", "are those of the set `four`"),
+    ] {
+        let refused = at.refused(command);
+        assert!(refused.contains(said), "{command}: {refused}");
+    }
+    assert!(!at.path("-").exists() && !at.path("x.json").exists());
+}
+
+#[test]
 fn sets_of_presses_that_have_no_room_are_named() {
     let at = Workplace::new();
     let none = at.refused("experiment disk.toml --seed 1 --sets four --presses 3 --apart 0.2 -o none");
