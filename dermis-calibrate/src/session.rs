@@ -7,6 +7,7 @@ use dermis::contact::Contact;
 use dermis::frame::{Frame, Truth, read_frames, read_truth, write_frames, write_truth};
 use dermis::geom::vector::distance;
 use dermis::geom::{PlaceLimits, Point3};
+use dermis::plausibility::Plausibility;
 use dermis::skin::Skin;
 use std::path::{Path, PathBuf};
 
@@ -96,7 +97,13 @@ impl Session {
         let (skin, folder) = (skin.clone(), folder.to_path_buf());
         let mut session = Session { skin, limits, folder, places, state, frames: Vec::new(), presses_m: Vec::new() };
         if session.folder.join(FRAMES).exists() && session.folder.join(PRESSES).exists() {
-            session.frames = read_frames(&session.folder.join(FRAMES), &session.skin.design().protocol)?;
+            let (path, protocol) = (session.folder.join(FRAMES), &session.skin.design().protocol);
+            session.frames = read_frames(&path, protocol)?;
+            let check = Plausibility::new(protocol, session.skin.untouched()?, &[]);
+            if let Some(found) = check.of_differences(&session.frames) {
+                let message = format!("it is no file of a session, give another folder: {}", found.evidence);
+                return Err(CalibrateError::File { path, message });
+            }
             session.presses_m = session.read_presses()?;
             // A run that was killed between the two files has a frame more.
             session.frames.truncate(session.presses_m.len());

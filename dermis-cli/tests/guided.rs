@@ -89,4 +89,10 @@ fn sessions_that_cannot_be_say_why() {
     at.write("own/frames.csv", "1,2,3\n");
     at.write("own/presses.csv", "frame,x_m,y_m\n0,0.01,0.02\n");
     refused("--live", &["own/frames.csv", "3"]);
+    // Whole frames, of a recording of the user's own.
+    at.good("forward disk.toml -o own/frames.csv");
+    refused("--live", &["own/frames.csv", "no file of a session", "whole frames"]);
+    at.write("own/calibration.json", "{\"camera\": [1, 2]}");
+    let said = at.refused("calibrate disk.toml --frames own/frames.csv --difference --truth own/presses.csv -o own");
+    assert!(said.contains("own/calibration.json") && said.contains("no calibration of this program"), "{said}");
 }

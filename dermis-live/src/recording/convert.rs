@@ -102,12 +102,19 @@ impl Rows {
                 Err(why) => self.leave_out(why),
             }
         }
-        if let Some(End::Cut { at, bytes }) = self.messages.walk.end() {
-            self.left_out.push(match bytes {
-                0 => format!("byte {at}: the recording was not finished; what came then is missing"),
-                _ => format!("byte {at}: the recording was cut; {} at its end are left out", counted(bytes, "byte")),
-            });
-        }
+        let bytes_of = |bytes| counted(bytes, "byte");
+        self.left_out.extend(match self.messages.walk.end() {
+            Some(End::Cut { at, bytes: 0 }) => {
+                Some(format!("byte {at}: the recording was not finished; what came then is missing"))
+            }
+            Some(End::Cut { at, bytes }) => {
+                Some(format!("byte {at}: the recording was cut; {} at its end are left out", bytes_of(bytes)))
+            }
+            Some(End::Followed { at, bytes }) => {
+                Some(format!("byte {at}: {} follow the end of the recording and are left out", bytes_of(bytes)))
+            }
+            Some(End::Whole) | None => None,
+        });
         Ok(None)
     }
 

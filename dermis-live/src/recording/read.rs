@@ -89,7 +89,7 @@ impl Recording {
 
     /// Whether the file is complete; known after all of it was read.
     pub fn is_whole(&self) -> bool {
-        self.messages.walk.end() == Some(End::Whole)
+        matches!(self.messages.walk.end(), Some(End::Whole | End::Followed { .. }))
     }
 }
 

@@ -113,7 +113,7 @@ fn copy(mut walk: Walk<impl Read>, file: &mut dyn Write) -> Result<RecoveryRepor
     recovered.seconds =
         copy.times.map_or(0.0, |(first, last)| Timestamp { unix_ns: last }.seconds_since(Timestamp { unix_ns: first }));
     match walk.end() {
-        Some(End::Cut { bytes, .. }) => recovered.cut_bytes = bytes,
+        Some(End::Cut { bytes, .. } | End::Followed { bytes, .. }) => recovered.cut_bytes = bytes,
         _ => recovered.was_finished = true,
     }
     recovered.was_whole = recovered.was_finished && recovered.damaged.is_empty() && recovered.without_topic == 0;

@@ -44,6 +44,8 @@ pub(super) enum Item {
 pub(super) enum End {
     /// Complete.
     Whole,
+    /// Complete, and followed by bytes that are no recording.
+    Followed { at: u64, bytes: u64 },
     /// Truncated: the bytes after the last complete record, which cannot be read.
     Cut { at: u64, bytes: u64 },
 }
@@ -241,7 +243,7 @@ impl<R: Read> Walk<R> {
         let skipped = self.source.skip_to_start(0, false)?;
         let bytes = skipped.bytes + if is_whole { 0 } else { self.source.at() - skipped.bytes - start };
         if skipped.found.is_none() {
-            self.end = Some(End::Cut { at, bytes });
+            self.end = Some(if is_whole { End::Followed { at, bytes } } else { End::Cut { at, bytes } });
             return Ok(None);
         }
         self.begin_another()?;

@@ -219,7 +219,10 @@ fn a_file_that_is_wrong_as_a_whole_is_named() {
     for empty in ["", "\u{feff}", "\r\n", "a,b,c\n"] {
         assert_eq!(frame_error(empty), ": the file is empty: it holds no row of numbers");
     }
-    assert!(frame_error([0x31, 0xff, 0]).contains("not text (byte 1)"));
+    assert!(frame_error([0x31, 0x32, 0x33, 0xff, 0]).contains("not text (byte 3)"));
+    let wide: Vec<u8> = row("12").encode_utf16().flat_map(u16::to_le_bytes).collect();
+    assert!(frame_error(wide).contains("UTF-16 text without a byte-order mark"));
+    assert!(frame_error("\n<!DOCTYPE html>\n<p>404</p>\n").contains("a page of HTML"));
     assert!(frame_error(b"PK\x03\x04rubbish").contains("not an NPZ file"));
     assert!(frame_error(b"\x93NUMPY\x01").contains("cut short"));
     let missing = read_table(&PathBuf::from("no/such.csv"), "frames").unwrap_err().to_string();

@@ -18,6 +18,13 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Cow<'_, str>, String> {
         }
         [0xff, 0xfe, ..] => Cow::Owned(utf16(u16::from_le_bytes)?),
         [0xfe, 0xff, ..] => Cow::Owned(utf16(u16::from_be_bytes)?),
+        // Every second byte of numbers is 0.
+        _ if !bytes.is_empty() && 3 * bytes.iter().filter(|byte| **byte == 0).count() >= bytes.len() => {
+            return Err("UTF-16 text without a byte-order mark, or no text; save it as UTF-8, NPY or NPZ".into());
+        }
+        _ if bytes.trim_ascii_start().starts_with(b"<") => {
+            return Err("a page of HTML or XML, such as the error of a download; give a table: CSV, NPY or NPZ".into());
+        }
         _ => match std::str::from_utf8(bytes) {
             Ok(text) => Cow::Borrowed(text.strip_prefix('\u{feff}').unwrap_or(text)),
             // Numbers are ASCII in all of them.
