@@ -273,7 +273,7 @@ fn what_a_host_must_refuse_it_refuses_with_the_reason() {
         (|hello| hello.volts_per_count[2] = 0.0, &["scale of 0", "positive"]),
         (|hello| hello.full_scale = 0, &["full scale of 0"]),
         (|hello| hello.highest_rate_millihertz = 100_000, &["120 frames", "at most 100"]),
-        (|hello| hello.rate_millihertz = 0, &["0 frames"]),
+        (|hello| hello.rate_millihertz = 0, &["rate of 0", "--rate"]),
     ];
     for (change, words) in cases {
         let why = with(change);
