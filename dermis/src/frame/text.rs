@@ -19,7 +19,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Cow<'_, str>, String> {
         [0xff, 0xfe, ..] => Cow::Owned(utf16(u16::from_le_bytes)?),
         [0xfe, 0xff, ..] => Cow::Owned(utf16(u16::from_be_bytes)?),
         // Every second byte of numbers is 0.
-        _ if !bytes.is_empty() && 3 * bytes.iter().filter(|byte| **byte == 0).count() >= bytes.len() => {
+        _ if 3 * bytes.iter().filter(|byte| **byte == 0).count() > bytes.len() => {
             return Err("UTF-16 text without a byte-order mark, or no text; save it as UTF-8, NPY or NPZ".into());
         }
         _ if bytes.trim_ascii_start().starts_with(b"<") => {
