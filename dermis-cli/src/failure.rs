@@ -245,28 +245,33 @@ impl From<dermis_sim::Error> for Failure {
     }
 }
 
-/// Errors that may be those of a crate below, which are reported as such.
+/// Makes a type of failures from errors that may be those of a crate below, which are reported as such; any other becomes a failure
+/// by `$given`.
+#[macro_export]
 macro_rules! from_crates {
-    ($($error:ty { $($variant:ident($inner:ident) => $of_below:expr),* })*) => {
-        $(impl From<$error> for Failure {
+    ($failure:ty, $given:expr) => {
+        $crate::from_crates! { $failure, $given;
+            dermis::Error { Design(error) => error }
+            dermis::method::MethodError { Dermis(error) => error }
+            dermis::pipeline::PipelineError { Dermis(error) => *error, Method(error) => *error }
+            dermis_learn::LearnError { Dermis(error) => error, Sim(error) => *error }
+            dermis_live::LiveError { Dermis(error) => error, Method(error) => *error, Pipeline(error) => *error }
+            dermis_emulate::EmulateError { Dermis(error) => error, Sim(error) => *error, Live(error) => *error }
+        }
+    };
+    ($failure:ty, $given:expr; $($error:ty { $($variant:ident($inner:ident) => $of_below:expr),* })*) => {
+        $(impl From<$error> for $failure {
             fn from(error: $error) -> Self {
                 type Of = $error;
                 match error {
                     $(Of::$variant($inner) => $of_below.into(),)*
-                    error => Failure::given(error, None),
+                    error => ($given)(error),
                 }
             }
         })*
     };
 }
-from_crates!(
-    dermis::Error { Design(error) => error }
-    dermis::method::MethodError { Dermis(error) => error }
-    dermis::pipeline::PipelineError { Dermis(error) => *error, Method(error) => *error }
-    dermis_learn::LearnError { Dermis(error) => error, Sim(error) => *error }
-    dermis_live::LiveError { Dermis(error) => error, Method(error) => *error, Pipeline(error) => *error }
-    dermis_emulate::EmulateError { Dermis(error) => error, Sim(error) => *error, Live(error) => *error }
-);
+from_crates!(Failure, |error| Failure::given(error, None));
 
 /// Errors of one module, by the error of its crate.
 macro_rules! from_modules {

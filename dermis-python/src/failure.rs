@@ -90,28 +90,7 @@ impl From<CommandError> for Failure {
     }
 }
 
-/// Errors that may be those of a crate below, which are reported as such.
-macro_rules! from_crates {
-    ($($error:ty { $($variant:ident($inner:ident) => $of_below:expr),* })*) => {
-        $(impl From<$error> for Failure {
-            fn from(error: $error) -> Self {
-                type Of = $error;
-                match error {
-                    $(Of::$variant($inner) => $of_below.into(),)*
-                    error => Failure::given(error),
-                }
-            }
-        })*
-    };
-}
-from_crates!(
-    dermis::Error { Design(error) => error }
-    dermis::method::MethodError { Dermis(error) => error }
-    dermis::pipeline::PipelineError { Dermis(error) => *error, Method(error) => *error }
-    dermis_learn::LearnError { Dermis(error) => error, Sim(error) => *error }
-    dermis_live::LiveError { Dermis(error) => error, Method(error) => *error, Pipeline(error) => *error }
-    dermis_emulate::EmulateError { Dermis(error) => error, Sim(error) => *error, Live(error) => *error }
-);
+dermis_cli::from_crates!(Failure, Failure::given);
 
 /// Errors of one module, which say everything in their message.
 macro_rules! from_message {

@@ -98,16 +98,14 @@ pub(super) fn without_times(mut table: Table, channels: usize) -> Result<Table, 
 /// As [`column_order`].
 pub(super) fn in_order(mut table: Table, protocol: &Protocol) -> Result<Table, String> {
     let (width, channels) = (table.rows[0].len(), protocol.channel_count());
-    let Some(header) = table.header.as_ref().filter(|header| header.len() == width) else { return Ok(table) };
-    match column_order(header, protocol) {
-        Ok(None) => {}
-        Ok(Some(order)) => {
-            table.rows.iter_mut().for_each(|row| *row = order.iter().map(|&column| row[column]).collect());
-            table.header = None;
-        }
+    let Some(header) = table.header.as_ref() else { return Ok(table) };
+    let order = if header.len() == width { named_order(header, protocol)? } else { None };
+    if let Some(order) = order {
+        table.rows.iter_mut().for_each(|row| *row = order.iter().map(|&column| row[column]).collect());
+        table.header = None;
+    } else if table.rows.len() != channels || width >= channels {
         // Of frames as columns, the names are those of frames.
-        Err(_) if table.rows.len() == channels && width < channels => {}
-        Err(message) => return Err(message),
+        check_turn(header, channels)?;
     }
     Ok(table)
 }
@@ -119,6 +117,15 @@ pub(super) fn in_order(mut table: Table, protocol: &Protocol) -> Result<Table, S
 /// # Errors
 /// A channel without a column, or with several; names that are out of order and do not say which channels they are.
 pub fn column_order(header: &[String], protocol: &Protocol) -> Result<Option<Vec<usize>>, String> {
+    let order = named_order(header, protocol)?;
+    if order.is_none() {
+        check_turn(header, protocol.channel_count())?;
+    }
+    Ok(order)
+}
+
+/// [`column_order`] where names that say nothing may be in any order.
+fn named_order(header: &[String], protocol: &Protocol) -> Result<Option<Vec<usize>>, String> {
     // Most names are those of channels, and so is the one in the middle.
     let Some(middle) = header.get(header.len() / 2) else { return Ok(None) };
     let (usual, of_usual) = pattern(middle);
@@ -133,16 +140,19 @@ pub fn column_order(header: &[String], protocol: &Protocol) -> Result<Option<Vec
         1 if are_most => by_number(named.iter().map(|numbers| numbers[0]), protocol.channel_count()),
         _ => None,
     };
-    match (order, out_of_order(header)) {
-        (Some(order), _) => Ok(Some(order.into_iter().map(|place| columns[place]).collect())),
-        (None, Some([before, after])) => Err(format!(
+    Ok(order.map(|order| order.into_iter().map(|place| columns[place]).collect()))
+}
+
+/// Refuses names that are out of order.
+fn check_turn(header: &[String], channels: usize) -> Result<(), String> {
+    out_of_order(header).map_or(Ok(()), |[before, after]| {
+        Err(format!(
             "the column `{after}` comes after `{before}`, and the names do not say which channels they are: call them `v_0_1_2_3` \
              (source and sink of the drive, plus and minus of the measure) or `ch0` to `ch{}`, or remove the header where the \
              columns are in order",
-            protocol.channel_count() - 1
-        )),
-        (None, None) => Ok(None),
-    }
+            channels - 1
+        ))
+    })
 }
 
 /// A name without its numbers, and these.
